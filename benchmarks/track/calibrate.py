@@ -24,10 +24,10 @@ import numpy as np
 from benchmarks.setups import _rigs
 from occlog.array_types import NS, Floats
 from occlog.calibrate.adjustment import FOCAL
-from occlog.calibrate.arrays import ArrayPrior, Directions, place_array
 from occlog.calibrate.config import CalibrateConfig
-from occlog.calibrate.focal import focal_of_people, with_focal
+from occlog.calibrate.microphones.arrays import ArrayPrior, Directions, place_array
 from occlog.calibrate.stage import Calibrated, CameraResult, calibrate, tracks_in_images
+from occlog.calibrate.starts.focal import focal_of_people, with_focal
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles, wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import Camera, MicrophoneArray, Scene

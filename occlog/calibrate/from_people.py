@@ -24,7 +24,8 @@ from occlog.track.people.inputs import ImageInput
 from occlog.track.request import TrackInImagesRequest
 
 from .adjustment import DRIFT, FOCAL, LATE
-from .array_outputs import (
+from .config import CalibrateConfig
+from .microphones.array_outputs import (
     array_checks,
     array_comment,
     array_figures,
@@ -32,12 +33,11 @@ from .array_outputs import (
     place_arrays,
     with_arrays,
 )
-from .config import CalibrateConfig
-from .focal import FocalEstimate, focal_of_people, lens_unknown, with_focal
-from .marked import MarkedPose, pose_of_points
-from .output import CLOCK, CalibrationOutput
 from .request import CalibrateRequest
+from .results.output import CLOCK, CalibrationOutput
 from .stage import Calibrated, CameraResult, calibrate, tracks_in_images
+from .starts.focal import FocalEstimate, focal_of_people, lens_unknown, with_focal
+from .starts.marked import MarkedPose, pose_of_points
 
 CAMERAS, PARAMETERS, SEARCH = "cameras calibrated", "parameters determined", "convergence"
 STATED, CLOCKS, LENSES = "stated poses", "clocks of cameras", "lenses from people"
@@ -82,7 +82,7 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
     scene = with_arrays(_scene(inputs.scene, found, placed=stated), inputs.scene, arrays)
     drawn = None
     if request.picture is not None:
-        from .picture import picture
+        from .results.picture import picture
 
         drawn = picture(found, _images(inputs, found), metre)
     summary: dict[str, object] = {

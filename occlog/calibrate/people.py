@@ -9,10 +9,10 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.track.methods.jipda.interface import STATE_SIZE
-from occlog.track.people.pair_overlap import BORDER_PX
+from occlog.track.people.camera_checks.pair_overlap import BORDER_PX
 
 from .adjustment import BodyPrior, Clocks, Observations
-from .alignment import Complexes
+from .starts.alignment import Complexes
 
 MATCH_HEIGHTS = 0.45
 """Tracks of two cameras are of one person if the median of their distances is smaller, in heights of people."""

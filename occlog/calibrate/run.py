@@ -10,8 +10,8 @@ from occlog.records.losses import Loss
 from occlog.records.verdicts import summary_of, texts_of
 from occlog.runner import Job
 
-from .output import CalibrationOutput, write_scene
 from .request import CalibrateRequest
+from .results.output import CalibrationOutput, write_scene
 
 
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -32,7 +32,7 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
 def _calibration(request: CalibrateRequest, job: Job) -> CalibrationOutput:
     """Calibrate by what the request names; each of the two loads what it needs."""
     if request.board is not None:
-        from .from_board import calibration_of_board
+        from .boards.from_board import calibration_of_board
 
         return calibration_of_board(request, job)
     from .from_people import calibration_of_people

@@ -28,10 +28,10 @@ from occlog.errors import InputError, option
 from occlog.records.scene import Camera, Scene
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.sort.config import SortConfig
+from occlog.track.people.camera_checks.pair_overlap import MAX_DISTANCE_HEIGHTS
 from occlog.track.people.frame_detections import FrameDetectionsWithIds, group_time_steps
 from occlog.track.people.image_tracks import CameraTracks
 from occlog.track.people.inputs import default_window
-from occlog.track.people.pair_overlap import MAX_DISTANCE_HEIGHTS
 from occlog.track.people.stage import JIPDA, track_people
 
 from .adjustment import (
@@ -49,11 +49,11 @@ from .adjustment import (
     NoiseModel,
     Observations,
 )
-from .alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
-from .arrays import Path
 from .config import CalibrateConfig
-from .ground_plane import GroundPlane, ground_plane
+from .microphones.arrays import Path
 from .people import Tracklet, observations, on_grid, persons
+from .starts.alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
+from .starts.ground_plane import GroundPlane, ground_plane
 
 GRID_S = 0.25
 """Least step of the grid on which paths are compared [s]."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.frame_times import as_rate
 from occlog.io.files.spill import SpilledTable
+from occlog.io.files.timing.frame_times import as_rate
 from occlog.io.open import REMEDY, Opened, check_unit, common_unit, frames_counted_by, load_scene, open_input
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.people import PeopleTracks

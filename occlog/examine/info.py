@@ -16,7 +16,7 @@ from occlog.cli import options
 from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words, utc
+from occlog.io.files.timing.utc import time_words, utc
 from occlog.io.recognition import FileContent, contents_of, is_foreign_bag, is_one_bag
 from occlog.records.losses import Loss
 

@@ -20,10 +20,10 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.console.text import counted
 from occlog.errors import InputError, OcclogError, UsageError, option
-from occlog.io.files.frame_times import FrameTimes, to_world_time
-from occlog.io.files.utc import utc
+from occlog.io.files.timing.frame_times import FrameTimes, to_world_time
+from occlog.io.files.timing.utc import utc
 from occlog.io.formats.calibration.common import CalibrationOptions, Pose, build_camera
-from occlog.io.formats.calibration.ros import region_of, region_text
+from occlog.io.formats.calibration.readers.ros import region_of, region_text
 from occlog.io.frames.camera_source import CameraSource, video_source
 from occlog.io.frames.decoders.process import Delivered
 from occlog.io.messages.bag import CLOCKS_APART_S, Bag, BagDecoder, BagSurvey, borrowed_lines, survey, topic_lines

@@ -12,8 +12,8 @@ import numpy as np
 
 from occlog.array_types import Bools
 from occlog.console.text import counted
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.texts.formats import Probe
+from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.io.formats.boxes.datasets import camera_folders, is_annotations, label_files
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
 from occlog.io.formats.boxes.rows import in_words

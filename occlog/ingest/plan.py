@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from occlog.errors import UsageError, did_you_mean, option
-from occlog.io.files.frame_choice import FrameChoice
+from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.records.names import first_double
 from occlog.settings import Settings, declared, kind_of, read_pair, read_value, setting
 

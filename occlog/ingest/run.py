@@ -15,10 +15,10 @@ import numpy as np
 from occlog.console.notes import note_findings
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import hash_inputs
 from occlog.io.files.limits import check_input
 from occlog.io.files.provenance import Provenance, hash_file
+from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.formats.positions import PositionLog, PositionOptions, parse_grid, read_positions
 from occlog.io.formats.sound.csv_log import DoaOptions

@@ -16,8 +16,8 @@ import numpy as np
 from occlog.array_types import Bools, Ints, Strings, Uints
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError
-from occlog.io.files.frame_times import FrameTimes, as_rate
-from occlog.io.files.times import parse_start_time, read_sidecar
+from occlog.io.files.timing.frame_times import FrameTimes, as_rate
+from occlog.io.files.timing.times import parse_start_time, read_sidecar
 from occlog.io.formats.boxes.rows import fingerprints
 from occlog.io.formats.truth import read_sync_times
 from occlog.io.frames.camera_source import CameraSource, image_source, video_source

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import NS, Ints, Ints32
 from occlog.consistency.clock_offsets import cause_of
 from occlog.consistency.frozen import FrozenCameras
-from occlog.io.files.utc import utc
+from occlog.io.files.timing.utc import utc
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
 from occlog.records.tables import Boxes, Doa, Positions, Truth, TruthBoxes

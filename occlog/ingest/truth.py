@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.errors import InputError, option
-from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxSurvey
 from occlog.io.formats.truth import frames_of_positions
 from occlog.records.scene import Scene

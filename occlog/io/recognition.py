@@ -92,7 +92,8 @@ def contents_of(path: Path) -> list[FileContent]:
 def _of_folder(path: Path) -> Iterator[FileContent]:
     from occlog.io.files.texts.formats import Probe
     from occlog.io.formats.boxes.datasets import is_annotations, is_labels
-    from occlog.io.formats.calibration import colmap, pairs
+
+    from .formats.calibration.readers import colmap, pairs
 
     if is_one_bag(path):
         yield FileContent(FileKind.BAG, "bag of another program")
@@ -245,7 +246,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
 
 def _times() -> set[str]:
     """Names of time columns."""
-    from occlog.io.files.times import TIME_COLUMNS
+    from occlog.io.files.timing.times import TIME_COLUMNS
 
     return {name for names in TIME_COLUMNS.values() for name in names}
 

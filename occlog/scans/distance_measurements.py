@@ -33,7 +33,7 @@ from occlog.filtering.likelihood.distances import (
     concat,
     no_measurements,
 )
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.records.declared.sensors import DIFFERENCES, VALUES, Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import Reads

@@ -14,7 +14,7 @@ from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError, UsageError
 from occlog.filtering.likelihood.distances import RangeMeasurements
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings
 

@@ -15,7 +15,7 @@ from occlog.array_types import NS, Floats
 from occlog.core.navigation.obstacles import MovingObstacleTracks, StepClock
 from occlog.core.occlusion.priors import Priors, gaussian_priors, no_priors, polygon_priors
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.io.open import Opened, check_unit
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 

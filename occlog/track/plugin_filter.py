@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.errors import PluginError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.plugins.interface import EstimatedPosition, Filter, TargetScan
 from occlog.plugins.loading import Plugin, plugin_errors
 from occlog.records.scene import Scene

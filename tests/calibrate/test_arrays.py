@@ -11,8 +11,9 @@ import pytest
 from walking_people import cameras, people, write
 
 from occlog.array_types import Floats
-from occlog.calibrate.array_outputs import array_checks, with_arrays
-from occlog.calibrate.arrays import (
+from occlog.calibrate.kernels import expected_boxes
+from occlog.calibrate.microphones.array_outputs import array_checks, with_arrays
+from occlog.calibrate.microphones.arrays import (
     AMBIGUOUS,
     FEW,
     LATE,
@@ -27,8 +28,7 @@ from occlog.calibrate.arrays import (
     _weighed,
     place_array,
 )
-from occlog.calibrate.arrays import Path as WalkedPath
-from occlog.calibrate.kernels import expected_boxes
+from occlog.calibrate.microphones.arrays import Path as WalkedPath
 from occlog.cli.main import run
 from occlog.core.geometry.camera import wrap_angle
 from occlog.errors import ExitCode
@@ -117,7 +117,7 @@ def test_directions_of_no_person_are_refused() -> None:
 
 def test_score_is_the_slope_of_the_likelihood(monkeypatch: pytest.MonkeyPatch) -> None:
     """By difference quotients, with the prior of the clock, for mouths in the axes of bodies."""
-    monkeypatch.setattr("occlog.calibrate.arrays.MOUTH_OFF", 0.0)
+    monkeypatch.setattr("occlog.calibrate.microphones.arrays.MOUTH_OFF", 0.0)
     problem = _Problem.of(directions(0.3, np.random.default_rng(4)), walks(), PRIOR)
     values = np.array([1.3, 6.8, TRUE.yaw - STATED.yaw + 0.05, 0.21, 0.5])
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.calibrate.board import Board, BoardDetector, corners_of, lens_of_views, views_of
+from occlog.calibrate.boards.board import Board, BoardDetector, corners_of, lens_of_views, views_of
 from occlog.cli.main import run
 from occlog.core.geometry.lens import undistort
 from occlog.errors import ExitCode, InputError

@@ -10,8 +10,8 @@ import pytest
 from walking_people import cameras
 
 from occlog.array_types import Floats
-from occlog.calibrate.focal import with_focal
-from occlog.calibrate.marked import pose_of_points
+from occlog.calibrate.starts.focal import with_focal
+from occlog.calibrate.starts.marked import pose_of_points
 from occlog.errors import InputError
 from occlog.io.formats.calibration.points import read_marked_points
 from occlog.records.scene import Camera

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from walking_people import boxes, cameras, people
 
-from occlog.calibrate.alignment import PairAlignment, PlanarPose, align_pair, joined
-from occlog.calibrate.ground_plane import ground_plane
 from occlog.calibrate.people import on_grid
+from occlog.calibrate.starts.alignment import PairAlignment, PlanarPose, align_pair, joined
+from occlog.calibrate.starts.ground_plane import ground_plane
 from occlog.core.geometry.camera import angles_from_rotation
 
 

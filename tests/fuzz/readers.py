@@ -16,11 +16,11 @@ import numpy as np
 
 from occlog.errors import OcclogError
 from occlog.ingest.rig import describe as describe_calibration
-from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.files.geodetic import stated_origin
 from occlog.io.files.tables.parquet import describe, first_rows, read_header, read_provenance, read_table
 from occlog.io.files.texts.documents import read_json
-from occlog.io.files.times import read_sidecar
+from occlog.io.files.timing.frame_choice import FrameChoice
+from occlog.io.files.timing.times import read_sidecar
 from occlog.io.formats.boxes.mot_challenge import has_classes, read_marks
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions

@@ -18,7 +18,7 @@ from scipy.io import wavfile
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.io.formats.calibration import colmap
+from occlog.io.formats.calibration.readers import colmap
 from occlog.io.formats.models.fundamental_matrices import read_epipolar
 from occlog.io.formats.models.motion_models import read_motion
 from occlog.io.formats.truth import read_sync_times

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from walking_people import cameras
 
-from occlog.io.files.frame_times import to_world_time
+from occlog.io.files.timing.frame_times import to_world_time
 from occlog.records.scene import Clock, Scene
 from occlog.scans.clocks import ClockChange, clock_changes, clocks_of, stated_clocks, with_applied_clocks
 

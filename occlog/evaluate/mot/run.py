@@ -19,10 +19,10 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.request import EvaluateRequest
 from occlog.evaluate.results import Evaluation
 from occlog.evaluate.sources import opened_rows, rows_of
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import previous_losses
 from occlog.io.files.texts.csv_rows import first_line, is_header
 from occlog.io.files.texts.documents import write_json
+from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.io.formats.boxes.datasets import is_kitti
 from occlog.io.formats.boxes.mot_challenge import (
     DISTRACTORS,

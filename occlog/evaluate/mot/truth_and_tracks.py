@@ -22,9 +22,9 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.metrics.errors import intersection_over_union
 from occlog.core.metrics.mot.frame_pairs import EPS, Objects
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.frame_choice import FrameChoice
-from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.io.files.texts.formats import Probe, recognise
+from occlog.io.files.timing.frame_choice import FrameChoice
+from occlog.io.files.timing.frame_times import FrameTimes, as_rate
 from occlog.io.formats.boxes.mot_challenge import PEDESTRIAN, Marks
 from occlog.io.formats.boxes.reader import BoxOptions, table_times
 from occlog.io.formats.truth import FORMATS, TruthOptions, read_truth

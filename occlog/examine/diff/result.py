@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 
 Scalar = str | bool | int | float | None
 """A value as JSON has it."""

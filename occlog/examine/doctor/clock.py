@@ -18,7 +18,7 @@ from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.external.cells import TableCells
 from occlog.io.external.table import ForeignTable
-from occlog.io.files.utc import time_words, utc
+from occlog.io.files.timing.utc import time_words, utc
 from occlog.records.messages import GAP_INTERVALS
 
 from .findings import Findings

@@ -20,7 +20,7 @@ from occlog.array_types import NS
 from occlog.consistency.frozen import FrozenCameras
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 from occlog.io.frames.decoders.subprocess_video import decode_apart

@@ -24,7 +24,7 @@ from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.tables.arrow import from_arrow
 from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
 from occlog.io.files.texts.csv_rows import report_bad_lines_to
-from occlog.io.files.utc import time_words, utc
+from occlog.io.files.timing.utc import time_words, utc
 from occlog.records.columns import ColumnTable, repeated_rows
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES, Bearings, Boxes, Truth, TruthBoxes

@@ -17,7 +17,7 @@ from occlog.io.files.texts.csv_rows import CsvRows, report_bad_lines_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
 from occlog.io.files.texts.formats import Probe
 from occlog.io.files.texts.yaml import yaml_documents
-from occlog.io.files.times import iter_times, looks_like_times, parse_times
+from occlog.io.files.timing.times import iter_times, looks_like_times, parse_times
 from occlog.io.formats.boxes.columns import BoxSource
 from occlog.io.formats.boxes.reader import box_rows, box_source, is_json, note_times
 from occlog.io.formats.boxes.rows import FileBoxRows, fingerprints

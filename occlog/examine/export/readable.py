@@ -14,7 +14,7 @@ from occlog.array_types import Ints
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.external.names import MAY_BE_EMPTY
-from occlog.io.files.utc import utc
+from occlog.io.files.timing.utc import utc
 from occlog.records.columns import ColumnTable
 from occlog.records.declared.views import ViewTracks
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes

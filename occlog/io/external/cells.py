@@ -13,7 +13,7 @@ from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.tables.arrow import to_numpy, to_texts
 from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, plain_text
-from occlog.io.files.times import COARSEST_NS, UNITS, coarse, column_unit, parse_column, parse_times
+from occlog.io.files.timing.times import COARSEST_NS, UNITS, coarse, column_unit, parse_column, parse_times
 from occlog.records.columns import ANY_WIDTH, MAX_NS
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from occlog.errors import InputError
 from occlog.io.files.input_units import STATED
-from occlog.io.files.times import TIME_COLUMNS, UNITS
+from occlog.io.files.timing.times import TIME_COLUMNS, UNITS
 from occlog.io.formats.boxes.columns import COLUMNS as BOXES
 from occlog.io.formats.sound.csv_log import ANGLES
 from occlog.io.formats.sound.csv_log import FORMAT as DIRECTIONS

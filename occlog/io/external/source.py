@@ -27,7 +27,7 @@ from occlog.io.files.tables.arrow import SCHEMA_KEY
 from occlog.io.files.tables.parquet import batches, in_parts, open_parquet
 from occlog.io.files.texts.by_reader import table_of
 from occlog.io.files.texts.csv_rows import GZIP_MAGIC, commented_header, first_line, is_header, read_rows
-from occlog.io.files.times import TIME_COLUMNS
+from occlog.io.files.timing.times import TIME_COLUMNS
 from occlog.io.formats.trajectories import Trajectories, find_trajectories
 
 from .cells import ArrowCells, TableCells, TextCells

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.frame_times import MAX_SECONDS, frames_to_ns
 from occlog.io.files.limits import FREE_BYTES
 from occlog.io.files.texts.csv_rows import COARSEST
-from occlog.io.files.times import note_clock_set
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.frame_times import MAX_SECONDS, frames_to_ns
+from occlog.io.files.timing.times import note_clock_set
+from occlog.io.files.timing.utc import time_words
 from occlog.io.formats.boxes.columns import both_sizes, disagree
 from occlog.records.columns import ColumnTable, first_row, key_of, largest, repeated_rows
 from occlog.records.declared.sensors import MIN_SIGMA_PX, MIN_SIGMA_RAD, VALUES, WITH_A_RANGE, Measurements

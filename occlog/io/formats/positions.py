@@ -18,7 +18,6 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, naming
 from occlog.io.files.names import safe_name
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, read_plain
@@ -32,7 +31,8 @@ from occlog.io.files.texts.formats import (
     TextPart,
     read_format,
 )
-from occlog.io.files.times import check_unit, time_column
+from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.times import check_unit, time_column
 from occlog.records.tables import Positions
 
 WHAT = "a table of positions"

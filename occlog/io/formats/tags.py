@@ -22,10 +22,10 @@ import numpy as np
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.names import natural_sorted, safe_name
 from occlog.io.files.texts.csv_rows import CsvRows, first_line
 from occlog.io.files.texts.formats import LENGTH, TEXT, FormatColumn, TextFormat, read_format
+from occlog.io.files.timing.frame_times import to_world_time
 from occlog.records.scene import TagReader
 from occlog.records.tables import Reads
 

@@ -33,7 +33,6 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.limits import check_input, guarded, naming
 from occlog.io.files.texts.csv_rows import CsvRows, first_line, is_header, name_with_unit, read_plain
 from occlog.io.files.texts.documents import number, required
@@ -52,8 +51,9 @@ from occlog.io.files.texts.formats import (
     read_format,
     recognise,
 )
-from occlog.io.files.times import TIME_COLUMNS, note_clock_set, time_column
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.times import TIME_COLUMNS, note_clock_set, time_column
+from occlog.io.files.timing.utc import time_words
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.settings import METRES
 

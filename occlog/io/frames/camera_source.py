@@ -11,7 +11,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError, option
-from occlog.io.files.frame_times import FrameTimes, as_rate
+from occlog.io.files.timing.frame_times import FrameTimes, as_rate
 from occlog.records.columns import MAX_NS
 from occlog.records.losses import Loss
 

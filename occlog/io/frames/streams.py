@@ -23,8 +23,8 @@ import numpy as np
 
 from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.frame_times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.files.names import last_number, natural_sorted
+from occlog.io.files.timing.frame_times import FrameTimes, as_rate, frames_to_ns
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 from occlog.records.losses import Loss
@@ -36,7 +36,7 @@ STAMPS = "container time stamps"
 
 
 def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
-    """Times of frames from a time stamp file (see `occlog.io.files.times`)."""
+    """Times of frames from a time stamp file (see `occlog.io.files.timing.times`)."""
     return FrameTimes(f"sidecar {name}", start_ns, table_ns)
 
 

@@ -33,7 +33,7 @@ from occlog.io.files.limits import (
 )
 from occlog.io.files.names import natural_key
 from occlog.io.files.texts.yaml import yaml_documents
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.columns import bounded_ns
 from occlog.records.losses import Loss

@@ -23,7 +23,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError, option
 from occlog.io.files.geodetic import has_heights, note_unused_heights, positions_on_earth
 from occlog.io.formats.calibration.lenses import Lens
-from occlog.io.formats.calibration.ros import lens_of, region_of
+from occlog.io.formats.calibration.readers.ros import lens_of, region_of
 from occlog.io.frames.codec import encode_image, image_damage, image_kind, shown_size
 from occlog.io.frames.decoders.subprocess_video import decode_apart
 from occlog.io.frames.limits import MAX_PIXELS

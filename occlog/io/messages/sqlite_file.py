@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 

@@ -19,7 +19,7 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.limits import Content, content_of
 from occlog.io.files.provenance import UNKNOWN, Provenance, hash_file, provenance_from_json
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.io.formats.scenes.scene import scene_from_yaml
 from occlog.io.frames.decoders.subprocess_video import SubprocessVideo, decode_apart
 from occlog.records.columns import ColumnTable, bounded_ns

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.limits import check_texts
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.records.columns import Column, ColumnTable, check_copies
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Positions, Reads, Truth, TruthBoxes, has_all_columns
 

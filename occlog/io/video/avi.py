@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.io.files.frame_times import frames_to_ns
+from occlog.io.files.timing.frame_times import frames_to_ns
 
 from .container import (
     MAX_FRAMES,

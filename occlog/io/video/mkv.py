@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Ints
-from occlog.io.files.frame_times import MAX_RATE_DENOMINATOR
+from occlog.io.files.timing.frame_times import MAX_RATE_DENOMINATOR
 
 from .container import (
     MAX_FRAMES,

@@ -13,7 +13,7 @@ from occlog.core.geometry.camera import wrap_angle
 from occlog.core.numerics.assignment import assign
 from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
 from occlog.scans.grouping import checked, sensor_names

@@ -19,7 +19,7 @@ import numpy as np
 
 from occlog.array_types import Floats32
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.measure.detections import Detections
 from occlog.measure.networks.detector import Boxed, Embedder, NetworkDetector, Prepared
 from occlog.measure.regions.box_appearance import box_appearance

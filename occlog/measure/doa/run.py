@@ -13,9 +13,9 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
 from occlog.ingest.plan import for_sensor, pairs
-from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.names import match_sensor
-from occlog.io.files.times import parse_start_time
+from occlog.io.files.timing.frame_times import to_world_time
+from occlog.io.files.timing.times import parse_start_time
 from occlog.io.formats.sound.formats import read_arrays
 from occlog.io.formats.sound.wav import Sound, open_sound
 from occlog.io.open import load_scene

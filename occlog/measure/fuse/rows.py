@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.measure.detections import Detections
 from occlog.records.tables import UNLABELLED, Bearings, Views
 

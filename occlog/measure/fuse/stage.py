@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.kernels import LocalDirections
 from occlog.records.losses import Loss

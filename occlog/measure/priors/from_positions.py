@@ -15,7 +15,7 @@ from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.numerics.seeds import RandomStream, generator
 from occlog.errors import InputError
 from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.records.tables import Occluders, Tracks, Truth
 from occlog.scans.occluder_priors import known_positions, none_at
 

@@ -12,7 +12,7 @@ from occlog.core.geometry.triangulate import SourceDirections, distance2, locali
 from occlog.core.numerics.assignment import assign
 from occlog.errors import InputError, UsageError
 from occlog.filtering.motion.white_acceleration import Walkers, concat, initiate, predict, select, update
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.records.scene import Scene
 from occlog.records.tables import Doa, Occluders
 from occlog.scans.occluder_priors import none_at

@@ -14,7 +14,7 @@ import shapely
 from occlog.array_types import Floats, Ints32
 from occlog.core.occlusion.priors import polygon_priors
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.records.scene import Scene, map_origin, scene_from
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
 from occlog.scans.occluder_priors import none_at

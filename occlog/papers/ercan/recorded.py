@@ -37,9 +37,9 @@ from occlog.core.geometry.visibility import behind_objects
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.residuals import triangulated_points
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.io.files.provenance import hash_file
 from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.timing.frame_times import FrameTimes, as_rate
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration

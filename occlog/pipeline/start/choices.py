@@ -299,7 +299,7 @@ def _put_positions(made: Choices) -> bool:
 
 
 def _times() -> set[str]:
-    from occlog.io.files.times import TIME_COLUMNS
+    from occlog.io.files.timing.times import TIME_COLUMNS
 
     return {name for names in TIME_COLUMNS.values() for name in names}
 

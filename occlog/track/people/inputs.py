@@ -29,6 +29,7 @@ from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import DirectionsOfArrival, PositionSource
 from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
 
+from .camera_checks.pair_overlap import person_heights
 from .frame_detections import (
     BoxStatistics,
     FrameDetectionsWithIds,
@@ -42,7 +43,6 @@ from .frame_detections import (
     rows_of_boxes,
     rows_of_views,
 )
-from .pair_overlap import person_heights
 from .retimed import retimed
 
 S = TypeVar("S", bound=Settings)

@@ -21,11 +21,11 @@ from occlog.settings import configure
 from occlog.track.catalogue import METHODS
 from occlog.track.methods.jipda.filter import JipdaState
 from occlog.track.methods.jipda.interface import NO_ID
-from occlog.track.methods.jipda.position_errors import PositionErrors, learned_sigma, learned_sigma_ratio
+from occlog.track.methods.jipda.lasting_errors.position_errors import PositionErrors, learned_sigma, learned_sigma_ratio
 from occlog.track.methods.sort.config import SortConfig
 from occlog.track.request import TrackInImagesRequest, TrackPeopleRequest
 
-from .agreement import CameraAgreement
+from .camera_checks.agreement import CameraAgreement
 from .image_tracks import ImageTracksPart, track_in_images
 from .inputs import ImageInput, PeopleInput, inconsistent_cameras
 from .reidentification import GalleryReidentification

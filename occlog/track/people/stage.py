@@ -19,7 +19,7 @@ from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.doa_update import update_by_directions
 from occlog.track.methods.jipda.interface import DirectionsOfArrival, FrameDetections, PositionSource, TrackSnapshot
 
-from .agreement import CameraAgreement
+from .camera_checks.agreement import CameraAgreement
 from .close_encounters import CloseEncounters
 from .frame_detections import FrameDetectionsWithIds
 from .rows import SnapshotTables, SnapshotWithDetections, TracksInViews, associations_of, events_of, tracks_of

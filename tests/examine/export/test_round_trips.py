@@ -17,10 +17,10 @@ from occlog.array_types import NS
 from occlog.cli.main import run
 from occlog.errors import ExitCode, InputError
 from occlog.examine.export.run import ExportRequest, run_export
-from occlog.io.files.frame_choice import FrameChoice
 from occlog.io.files.geodetic import Origin, degrees_of, places_of_degrees
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.formats.truth import TruthOptions, read_truth
 from occlog.io.frames.streams import rate_times

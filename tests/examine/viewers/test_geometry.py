@@ -12,7 +12,7 @@ from occlog.examine.viewers.drawings.foxglove import point_cloud
 from occlog.examine.viewers.drawings.people import Palette, PeopleDrawing, PersonEstimate
 from occlog.examine.viewers.drawings.shapes import DrawingGroup, Polyline, dashes, dense, triangles
 from occlog.examine.viewers.drawings.world import shadows, walls
-from occlog.io.formats.calibration.ros import rotation_quaternion
+from occlog.io.formats.calibration.readers.ros import rotation_quaternion
 from occlog.records.scene import Scene
 
 SQUARE = np.array([[2.0, -0.25], [2.5, -0.25], [2.5, 0.25], [2.0, 0.25]])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
 from occlog.examine.export.in_images import coco_texts
-from occlog.io.files.frame_choice import FrameChoice
+from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.io.formats.boxes.mot_challenge import write_mot
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times

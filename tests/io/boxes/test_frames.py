@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.frame_choice import FrameChoice
-from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.timing.frame_choice import FrameChoice
+from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times, sidecar_times
 from occlog.records.tables import Boxes

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, OutputError, OutputExistsError
-from occlog.io.files.frame_choice import FrameChoice
+from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.io.formats.boxes.mot_challenge import (
     MotSequence,
     SequenceInfo,

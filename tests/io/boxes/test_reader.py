@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.frame_choice import FrameChoice
+from occlog.io.files.timing.frame_choice import FrameChoice
 from occlog.io.formats.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.frames.streams import rate_times
 from occlog.records.tables import Boxes

@@ -15,10 +15,10 @@ from occlog.core.geometry.camera import meeting_point
 from occlog.errors import InputError, UsageError
 from occlog.ingest.rig import describe
 from occlog.io.formats.calibration.common import CalibrationOptions
-from occlog.io.formats.calibration.opencv_toml import checked_rotation
-from occlog.io.formats.calibration.projection import take_apart
 from occlog.io.formats.calibration.reader import IMPORTERS, read_calibration
-from occlog.io.formats.calibration.tsai import rotation_zyx
+from occlog.io.formats.calibration.readers.opencv_toml import checked_rotation
+from occlog.io.formats.calibration.readers.projection import take_apart
+from occlog.io.formats.calibration.readers.tsai import rotation_zyx
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.records.scene import Camera
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from occlog.errors import InputError
-from occlog.io.files.frame_times import FrameTimes, as_rate, frames_to_ns
-from occlog.io.files.times import parse_time, read_sidecar
+from occlog.io.files.timing.frame_times import FrameTimes, as_rate, frames_to_ns
+from occlog.io.files.timing.times import parse_time, read_sidecar
 from occlog.io.formats.truth import read_sync_times
 from occlog.records.columns import MAX_NS
 

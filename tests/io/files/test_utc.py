@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.io.formats.positions import PositionGrid, PositionOptions, parse_grid, read_positions
 
 WILDTRACK = PositionGrid(0.025, -3.0, -9.0)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from people_boxes import hall
 
-from occlog.track.methods.jipda.body_bias import PRIOR_SIGMA, bias_information, with_body_bias
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.detector_model import detector_model, prior_edge_errors, prior_statistics
 from occlog.track.methods.jipda.interface import PositionSource
-from occlog.track.methods.jipda.kernels.body_bias import body_bias_shift
 from occlog.track.methods.jipda.kernels.body_box import box_and_slope, cover_positions, pack_views
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, axis_noise
+from occlog.track.methods.jipda.kernels.lasting_errors.body_bias import body_bias_shift
+from occlog.track.methods.jipda.lasting_errors.body_bias import PRIOR_SIGMA, bias_information, with_body_bias
 
 pytestmark = pytest.mark.jit
 MEAN = np.array([[4.5, 5.5, 0.0, 0.0, 1.75, 0.5]])

@@ -17,8 +17,8 @@ from occlog.track.methods.jipda.detector_model import (
     prior_edge_errors,
     update_edge_errors,
 )
-from occlog.track.methods.jipda.kernels.camera_disagreement import BoxDisagreement
 from occlog.track.methods.jipda.kernels.detections import PackedDetections
+from occlog.track.methods.jipda.kernels.lasting_errors.camera_disagreement import BoxDisagreement
 
 N = 8
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from people_boxes import box, hall
 
-from occlog.track.methods.jipda.clock_offset import clock_offsets, prior_clocks, update_clocks
 from occlog.track.methods.jipda.kernels.body_box import pack_views
-from occlog.track.methods.jipda.kernels.clock_residuals import clock_residuals
 from occlog.track.methods.jipda.kernels.detections import PackedDetections
-from occlog.track.methods.jipda.normal_equations import BATCH_S, MAX_BATCHES, MIN_BATCHES
+from occlog.track.methods.jipda.kernels.lasting_errors.clock_residuals import clock_residuals
+from occlog.track.methods.jipda.lasting_errors.clock_offset import clock_offsets, prior_clocks, update_clocks
+from occlog.track.methods.jipda.lasting_errors.normal_equations import BATCH_S, MAX_BATCHES, MIN_BATCHES
 
 pytestmark = pytest.mark.jit
 SCENE = hall("abcd")

@@ -9,8 +9,13 @@ import pytest
 
 from occlog.track.methods.jipda.batch.positions import DIFFUSE_SIGMA_M, smoothed_positions
 from occlog.track.methods.jipda.batch.states import States
-from occlog.track.methods.jipda.common_error import common_error, new_variance, prior_common_error, update_common_error
 from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.methods.jipda.lasting_errors.common_error import (
+    common_error,
+    new_variance,
+    prior_common_error,
+    update_common_error,
+)
 from occlog.track.methods.jipda.target_set import tentative_targets
 
 pytestmark = pytest.mark.jit

@@ -12,8 +12,14 @@ from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.detector_model import detector_model, prior_edge_errors, prior_statistics
 from occlog.track.methods.jipda.kernels.body_box import PackedCameras, expected_box, pack_views
 from occlog.track.methods.jipda.kernels.detections import PackedDetections, axis_noise
-from occlog.track.methods.jipda.kernels.pose_residuals import pose_residuals
-from occlog.track.methods.jipda.pose_offset import MIN_ANGLE, PoseStatistics, corrected, prior_poses, update_poses
+from occlog.track.methods.jipda.kernels.lasting_errors.pose_residuals import pose_residuals
+from occlog.track.methods.jipda.lasting_errors.pose_offset import (
+    MIN_ANGLE,
+    PoseStatistics,
+    corrected,
+    prior_poses,
+    update_poses,
+)
 
 pytestmark = pytest.mark.jit
 SCENE = hall("abcd")

@@ -7,12 +7,12 @@ import pytest
 from people_boxes import box, camera
 
 from occlog.records.scene import Scene
-from occlog.track.methods.jipda import position_errors
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.detector_model import gait_variance
 from occlog.track.methods.jipda.filter import JipdaState, initial_state, step
 from occlog.track.methods.jipda.interface import FrameDetections, PositionSource, TrackSnapshot
-from occlog.track.methods.jipda.position_errors import (
+from occlog.track.methods.jipda.lasting_errors import position_errors
+from occlog.track.methods.jipda.lasting_errors.position_errors import (
     lasting_error,
     learned_sigma,
     learned_sigma_ratio,

@@ -10,7 +10,7 @@ from people_boxes import camera
 
 from occlog.records.verdicts import findings
 from occlog.track.methods.jipda.interface import BoxAssociations, FrameDetections, TrackSnapshot
-from occlog.track.people.agreement import MIN_EXPECTED_DETECTIONS, CameraAgreement, distance_outside
+from occlog.track.people.camera_checks.agreement import MIN_EXPECTED_DETECTIONS, CameraAgreement, distance_outside
 from occlog.track.people.frame_detections import BoxStatistics, FrameDetectionsWithIds
 
 

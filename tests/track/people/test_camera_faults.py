@@ -12,9 +12,9 @@ import pytest
 from occlog.core.geometry.camera import rotation_from_angles
 from occlog.records.scene import Camera
 from occlog.track.methods.jipda.interface import FrameDetections
-from occlog.track.people.camera_faults import MAX_STEPS, CameraFaults
+from occlog.track.people.camera_checks.camera_faults import MAX_STEPS, CameraFaults
+from occlog.track.people.camera_checks.pair_overlap import in_image, projected_people
 from occlog.track.people.frame_detections import FrameDetectionsWithIds
-from occlog.track.people.pair_overlap import in_image, projected_people
 
 SIZE = (1280, 720)
 NAMES = ("a", "b", "c", "d")

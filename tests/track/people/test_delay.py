@@ -6,7 +6,7 @@ import numpy as np
 from people_boxes import hall
 
 from occlog.track.methods.jipda.interface import NO_ID, FrameDetections, TrackSnapshot, no_associations
-from occlog.track.people.clock_offset import MAX_FRAMES, MAX_STEPS, ClockOffsetSearch
+from occlog.track.people.camera_checks.clock_offset import MAX_FRAMES, MAX_STEPS, ClockOffsetSearch
 from occlog.track.people.frame_detections import FrameDetectionsWithIds
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from occlog.track.people.pair_errors import (
+from occlog.track.people.camera_checks.pair_errors import (
     BODIES,
     FAULT,
     FOCAL,

@@ -8,9 +8,9 @@ from people_boxes import HEIGHT, boxes, camera, hall
 
 from occlog.settings import LENGTH_POWER, declaration, declared
 from occlog.track.methods.jipda.config import JipdaConfig
+from occlog.track.people.camera_checks.pair_overlap import person_heights
 from occlog.track.people.frame_detections import BoxStatistics, FrameDetectionsWithIds, frame_detections, rows_of_boxes
 from occlog.track.people.inputs import in_units_of, inconsistent_cameras, median_height
-from occlog.track.people.pair_overlap import person_heights
 
 
 def some(metre: float = 1.0) -> tuple[list[FrameDetectionsWithIds], tuple]:

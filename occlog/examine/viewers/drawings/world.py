@@ -17,7 +17,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 from occlog.array_types import Floats
-from occlog.io.formats.calibration.ros import rotation_quaternion
+from occlog.io.formats.calibration.readers.ros import rotation_quaternion
 from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
 
 from .people import Palette, PeopleDrawing, PersonEstimate

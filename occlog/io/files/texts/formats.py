@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
-from occlog.io.files.times import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.timing.times import TIME_COLUMNS, parse_times, time_column
 
 from .csv_rows import CsvRows, first_line, read_rows
 

@@ -22,7 +22,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError, option
 from occlog.io.files.names import last_number
 from occlog.io.files.texts.csv_rows import MAX_CELL, CsvRows, first_line, read_plain, read_rows
-from occlog.io.files.times import TIME_COLUMNS
+from occlog.io.files.timing.times import TIME_COLUMNS
 
 from .mot_challenge import WITH_CLASSES
 

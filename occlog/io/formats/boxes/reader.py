@@ -19,14 +19,14 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.frame_choice import ALL_FRAMES, FrameChoice
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.names import check_meaning, match_sensor, means_none
 from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder, recognise
-from occlog.io.files.times import check_unit, parse_times, time_column
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.frame_choice import ALL_FRAMES, FrameChoice
+from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.times import check_unit, parse_times, time_column
+from occlog.io.files.timing.utc import time_words
 from occlog.records.columns import MAX_NS
 from occlog.records.declared.sensors import MAX_FRAMES
 from occlog.records.losses import Loss

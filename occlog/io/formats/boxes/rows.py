@@ -13,8 +13,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Uints
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.texts.csv_rows import CsvRows
+from occlog.io.files.timing.frame_times import FrameTimes
 from occlog.records.declared.sensors import MAX_EDGE_PX
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes

@@ -19,8 +19,20 @@ from occlog.records.names import first_double
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, finding, outcome
 
-from . import arrays, colmap, homography, kalibr, opencv_storage, opencv_toml, pairs, projection, qualisys, ros, tsai
 from .common import CALIBRATION, WHAT, CalibrationOptions
+from .readers import (
+    arrays,
+    colmap,
+    homography,
+    kalibr,
+    opencv_storage,
+    opencv_toml,
+    pairs,
+    projection,
+    qualisys,
+    ros,
+    tsai,
+)
 
 Importer = FileFormat[Callable[[list[Path], CalibrationOptions], tuple[Camera, ...]]]
 IMPORTERS: dict[str, Importer] = {

@@ -17,8 +17,8 @@ from occlog.io.files.atomic import OutputGroup, check_writable, open_output, tra
 from occlog.records.scene import Camera, Scene, camera_fov
 from occlog.settings import METRES
 
-from . import colmap, kalibr, opencv_storage, ros
 from .outputs import is_folder
+from .readers import colmap, kalibr, opencv_storage, ros
 
 TEXTS: dict[str, Callable[[Sequence[Camera], Mapping[str, float]], dict[str, str]]] = {
     "opencv-storage": opencv_storage.texts,

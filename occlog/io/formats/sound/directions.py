@@ -21,10 +21,10 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import check_meaning, match_sensor
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, recognise
+from occlog.io.files.timing.frame_times import to_world_time
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, MicrophoneArray
 from occlog.records.tables import Doa

@@ -11,7 +11,7 @@ import zlib
 from array import array
 from typing import NamedTuple
 
-from occlog.io.files.utc import utc
+from occlog.io.files.timing.utc import utc
 from occlog.io.recording.chunks import MESSAGE_HEAD
 
 

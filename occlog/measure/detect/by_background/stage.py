@@ -17,7 +17,7 @@ from typing import NamedTuple
 import cv2
 
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.measure.clusters.person_size import SizeMap
 from occlog.measure.detections import Detections
 from occlog.records.frames import Frame, Image

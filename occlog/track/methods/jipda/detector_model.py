@@ -29,9 +29,9 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 
 from .config import JipdaConfig
-from .kernels.camera_disagreement import BoxDisagreement
 from .kernels.detections import LOG_SIZE_RANGE, DetectorModel, PackedDetections
 from .kernels.joint_association import BLIND_FRAME_PROBABILITY, NOISE_INFLATION, JipdaResult
+from .kernels.lasting_errors.camera_disagreement import BoxDisagreement
 from .target_set import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE, TargetSet
 
 PRIOR_BOXES = 5.0

@@ -24,9 +24,6 @@ from .association_features import (
     log_feature_ratios,
     update_features,
 )
-from .body_bias import bias_information, with_body_bias
-from .clock_offset import ClockStatistics, prior_clocks, update_clocks
-from .common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
 from .config import JipdaConfig
 from .detector_model import (
     MIN_ASSOCIATION_TO_LEARN,
@@ -64,16 +61,19 @@ from .interface import (
     X,
     Y,
 )
-from .kernels.body_bias import body_bias_shift
 from .kernels.body_box import GROUND_PLANE, MODEL, PackedCameras, cover_positions, pack_views
-from .kernels.camera_disagreement import camera_disagreement
-from .kernels.clock_residuals import clock_residuals
 from .kernels.detections import DetectorModel, PackedDetections
 from .kernels.joint_association import JipdaResult, update_targets
-from .kernels.pose_residuals import pose_residuals
+from .kernels.lasting_errors.body_bias import body_bias_shift
+from .kernels.lasting_errors.camera_disagreement import camera_disagreement
+from .kernels.lasting_errors.clock_residuals import clock_residuals
+from .kernels.lasting_errors.pose_residuals import pose_residuals
 from .kernels.track_initiation import BirthIntensity, initiate_targets
-from .pose_offset import MIN_ANGLE, PoseStatistics, corrected, prior_poses, update_poses
-from .position_errors import (
+from .lasting_errors.body_bias import bias_information, with_body_bias
+from .lasting_errors.clock_offset import ClockStatistics, prior_clocks, update_clocks
+from .lasting_errors.common_error import CommonErrorStatistics, common_error, prior_common_error, update_common_error
+from .lasting_errors.pose_offset import MIN_ANGLE, PoseStatistics, corrected, prior_poses, update_poses
+from .lasting_errors.position_errors import (
     WALK_RATIO,
     PositionErrors,
     lasting_error,

@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.errors import InputError, UsageError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.io.formats.models.motion_models import PathLossSpec, model_losses, read_path_loss
 from occlog.io.open import input_losses, load_scene, open_input
 from occlog.records.losses import Loss

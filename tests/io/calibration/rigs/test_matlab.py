@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from occlog.io.formats.calibration.arrays import read_matlab
+from occlog.io.formats.calibration.readers.arrays import read_matlab
 
 LIMIT = 1_000_000
 VALUES = {

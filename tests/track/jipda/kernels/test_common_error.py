@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.methods.jipda.kernels.common_error import (
+from occlog.track.methods.jipda.kernels.lasting_errors.common_error import (
     MODELS,
     MOMENTS,
     OUTLIER_SHARE,

@@ -6,8 +6,8 @@ import numpy as np
 from crowds import cameras_around
 
 from occlog.track.methods.jipda.kernels.body_box import expected_box, pack_views
-from occlog.track.methods.jipda.kernels.camera_disagreement import camera_disagreement
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
+from occlog.track.methods.jipda.kernels.lasting_errors.camera_disagreement import camera_disagreement
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))
 RATES = DetectorModel(

@@ -22,7 +22,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints, Strings
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.measure.epipolar.from_scene import ideal_pixels_anywhere
 from occlog.records.declared.views import ViewTracks
 from occlog.records.scene import Camera, Scene

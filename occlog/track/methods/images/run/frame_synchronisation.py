@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Ints
 from occlog.errors import InputError
-from occlog.io.files.utc import time_words
+from occlog.io.files.timing.utc import time_words
 from occlog.measure.detect.by_background.one_camera import check_size, plain_image
 from occlog.measure.epipolar.views import TrackedView
 from occlog.records.frames import Frame, Image

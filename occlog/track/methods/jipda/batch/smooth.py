@@ -27,8 +27,6 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import NS, Floats, Ints
 
 from ..association_features import appearance_of, are_histograms, feature_likelihood, log_ratio, unit_vectors
-from ..body_bias import with_body_bias
-from ..common_error import new_variance
 from ..detector_model import (
     blind_frames,
     common_clutter_rate,
@@ -43,8 +41,10 @@ from ..detector_model import (
 )
 from ..filter import JipdaState, associations_of, common_error_of, pack_detections
 from ..interface import HEIGHT, NO_ID, BoxAssociations, Event, FrameDetections, TrackSnapshot
-from ..kernels.body_bias import body_bias_shift
 from ..kernels.detections import DetectorModel, PackedDetections
+from ..kernels.lasting_errors.body_bias import body_bias_shift
+from ..lasting_errors.body_bias import with_body_bias
+from ..lasting_errors.common_error import new_variance
 from .appearance import log_ratio_joined
 from .association import MIN_ASSOCIATION_PROBABILITY, AssociatedBoxes, PredictedPeople, assign_boxes, associate
 from .mcmc_association import LOG_RATIO_OTHER_TRACKLET, LOG_RATIO_SAME_TRACKLET, NO_NODE

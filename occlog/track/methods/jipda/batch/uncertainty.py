@@ -21,8 +21,8 @@ from occlog.core.numerics.jit import kernel
 from occlog.track.methods.jipda.detector_model import MIDDLES, MIN_KEPT_SHARE
 from occlog.track.methods.jipda.interface import NO_ID, Event
 from occlog.track.methods.jipda.kernels.body_box import PackedCameras
-from occlog.track.methods.jipda.kernels.camera_disagreement import camera_disagreement
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
+from occlog.track.methods.jipda.kernels.lasting_errors.camera_disagreement import camera_disagreement
 
 from .appearance import log_ratio_joined
 from .association import AssociatedPeople

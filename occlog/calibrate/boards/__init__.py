@@ -1,0 +1,1 @@
+"""Lenses from images of a chessboard or ChArUco board."""

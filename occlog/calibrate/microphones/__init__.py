@@ -1,0 +1,1 @@
+"""Poses and clocks of microphone arrays, from directions of people who walk."""

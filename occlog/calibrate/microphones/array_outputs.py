@@ -1,0 +1,127 @@
+"""Microphone arrays of a calibration: directions that are read, and arrays in the scene, the summary and the checks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from occlog.array_types import NS
+from occlog.core.geometry.camera import wrap_angle
+from occlog.io.open import Opened, check_unit, open_input
+from occlog.records.scene import Clock, Scene
+from occlog.records.tables import Doa
+from occlog.records.verdicts import Check, finding, outcome
+from occlog.track.people.inputs import ImageInput
+
+from ..config import CalibrateConfig
+from ..request import CalibrateRequest
+from ..results.output import CLOCK
+from .arrays import ArrayPrior, ArrayResult, Directions, Path, place_array
+
+ARRAYS = "microphone arrays"
+"""Name of a check."""
+
+
+def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened | None:
+    """The input with directions of arrival; None: missing."""
+    if request.doa is None:
+        return inputs.opened if inputs.opened.has(Doa) else None
+    opened = open_input(request.doa, Doa)
+    opened.require(Doa)
+    if opened.made_in_a_scene:
+        check_unit(opened, inputs.scene.length_unit)
+    return opened
+
+
+def place_arrays(
+    opened: Opened, scene: Scene, paths: Sequence[Path], config: CalibrateConfig, metre: float
+) -> list[ArrayResult]:
+    """Place the microphone arrays of a scene that have directions of arrival, by people who speak."""
+    heard = Doa.concat([Doa.empty(), *opened.rows(Doa)])
+    recorded = {a.name: float(a.yaw) for a in (() if opened.scene is None else opened.scene.arrays)}
+    out = []
+    for array in scene.arrays:
+        own = heard.take(np.flatnonzero(heard.sensor == array.name))
+        upward = array.sigma if array.sigma_elevation is None else array.sigma_elevation
+        directions = Directions(
+            own.t_ns / NS, own.azimuth, own.elevation,
+            np.where(np.isnan(own.sigma_azimuth), array.sigma, own.sigma_azimuth),
+            np.where(np.isnan(own.sigma_elevation), upward, own.sigma_elevation),
+        )  # fmt: skip
+        prior = ArrayPrior(
+            recorded.get(array.name, array.yaw), config.max_clock_offset, config.source_height * metre,
+            config.sigma_source_height * metre, metre,
+        )  # fmt: skip
+        if len(own):
+            out.append(place_array(array, directions, paths, prior))
+    return out
+
+
+def with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> Scene:
+    """The scene with arrays that were placed, and their clocks."""
+    clocks = {clock.name: clock for clock in scene.clocks}
+    found = {}
+    for each in arrays:
+        array = each.array
+        if each.is_late:
+            before = clocks[array.clock] if array.clock is not None else Clock("")
+            name = CLOCK.format(array.name)
+            clocks[name] = replace(before, name=name, offset_ns=before.offset_ns + round(each.late_s * NS))
+            array = replace(array, clock=name)
+        if not each.reason:
+            found[array.name] = array
+    kept = {a.name for a in scene.arrays}
+    own = [found.get(a.name, a) for a in stated.arrays if a.name in kept or a.name in found]
+    return replace(scene, arrays=tuple(own), clocks=tuple(clocks.values()))
+
+
+def array_figures(each: ArrayResult) -> dict[str, object]:
+    """Figures of one microphone array."""
+    if each.reason:
+        return {"estimated": False, "directions": each.directions, "of_people": round(each.share, 2)}
+    return {
+        "position": [round(float(v), 3) for v in each.array.position],
+        "sigma_position": [round(float(v), 3) if np.isfinite(v) else None for v in each.sigma[:3]],
+        "yaw_deg": round(float(np.degrees(each.array.yaw)), 2),
+        "sigma_yaw_deg": round(float(np.degrees(each.sigma[3])), 2),
+        "clock_offset_s": round(each.late_s, 3),
+        "sigma_clock_s": round(float(each.sigma[4]), 3),
+        "directions": each.directions,
+        "of_people": round(each.share, 2),
+        "noise_factor": round(each.scale, 2),
+    }
+
+
+def array_checks(arrays: Sequence[ArrayResult], scene: Scene, *, placed: bool) -> tuple[Check, ...]:
+    """Checks of microphone arrays; `placed`: their stated poses are in the frame of the result."""
+    stated = {a.name: a for a in scene.arrays}
+    out = []
+    for each in arrays:
+        name, before = [each.array.name], stated[each.array.name]
+        if each.reason:
+            out.append(finding(ARRAYS, "array-not-calibrated", sensors=name, reason=each.reason))
+            continue
+        if placed:
+            away = float(np.linalg.norm(each.array.position - before.position))
+            turned = float(np.degrees(wrap_angle(np.array(each.array.yaw - before.yaw))))
+            out.append(finding(ARRAYS, "array-placed", sensors=name, distance=away, yaw_deg=turned))
+        if each.is_late:
+            late, sigma = each.late_s, float(each.sigma[4])
+            out.append(finding(ARRAYS, "clock-offset-found", sensors=name, late_s=late, sigma_s=sigma))
+    return outcome(ARRAYS, out, unless="" if arrays else "no directions of arrival")
+
+
+def array_comment(arrays: Sequence[ArrayResult], unit: str) -> str:
+    """Comments of a scene with the standard deviations of arrays."""
+    lines = []
+    for each in arrays:
+        if not each.reason:
+            x, y, z, yaw, late = each.sigma.tolist()
+            high = f", {z:.3f}" if np.isfinite(z) else ""
+            lines.append(
+                f"# {each.array.name}: position {x:.3f}, {y:.3f}{high} {unit}, yaw {np.degrees(yaw):.3f} deg, "
+                f"clock {late:.4f} s\n"
+            )
+    return "".join(lines)

@@ -1,0 +1,507 @@
+"""Microphone arrays from people whom calibrated cameras see: position, yaw, height and offset of the clock.
+
+Directions of arrival carry no identity: each is of one of the people who are there, or of another source.  They are a
+mixture of Gaussian distributions about the directions of all people and a uniform one, of which expectation and
+maximisation (Dempster, Laird and Rubin 1977) with Gauss-Newton steps finds the maximum.  The search starts from the
+poses at which most directions agree with people, by a histogram of the differences of yaw over a grid of positions and
+offsets of the clock (Hough 1962).
+
+Standard deviations are the larger of those of the curvature and of the sandwich of Huber (1967), with scores added over
+blocks of time, since errors of directions last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.geometry.camera import wrap_angle
+from occlog.records.scene import MicrophoneArray
+
+from ..starts.alignment import Complexes
+
+X, Y, YAW, LATE, DROP = range(5)
+"""Parameters: position, correction of the yaw [rad], by how much the clock is late [s], and height of the array above
+the mouths of people."""
+PARAMETERS = 5
+LATE_SIGMA = 4
+"""Index of the clock among the standard deviations of a result."""
+MIN_LATE_S = 0.05
+"""Least offset of a clock that is stated: sound takes so long for 17 m."""
+FEW, LOOSE, AMBIGUOUS = (
+    "too few of its directions are of people",
+    "its directions leave more than 0.5 m or 5 deg of its pose open",
+    "two poses fit about as well",
+)
+"""Reasons why an array is left as it was stated."""
+STEP_S = 0.1
+"""Step of the grid on which paths are interpolated [s]."""
+MAX_GAP_S = 1.0
+"""Longest gap of a path that is interpolated [s]."""
+MAX_DIRECTIONS, SEARCHED = 6000, 300
+"""Directions of an array that are used at most, evenly spread, and those with which the search starts."""
+MOUTH_OFF = 0.1
+"""Standard deviation of the mouth from the axis of the body, per axis [m]."""
+BINS = 60
+"""Bins of the histogram of yaw, over a turn."""
+CHUNK = 256
+"""Positions of the search at a time."""
+GRID, GRID_LATE_S = 0.5, 0.4
+"""Steps of the search: position [m], and offset of the clock [s]."""
+AROUND = 4.0
+"""An array is searched within this distance of the paths [m]."""
+PROPOSED, JUDGED = 100, 5
+"""Poses with most votes at each offset of the clock, and how many times as many are judged by the likelihood."""
+STARTS, KEPT = 40, 6
+"""Poses from which the search starts, and those that are refined."""
+ANNEALING = (4.0, 3.0, 2.0, 1.5)
+"""Factors of the standard deviations of directions in the first steps."""
+STEPS, FEW_STEPS, TOLERANCE = 60, 12, 1e-4
+"""Steps at most at the end and of each start, and the step in standard deviations that ends the search."""
+NARROWEST, WIDEST = 1.0, 4.0
+"""Limits of the factor of the standard deviations of directions that is estimated."""
+BLOCK_S = 2.0
+"""Length of the blocks of time over which errors are correlated [s]."""
+MIN_DIRECTIONS, MIN_GAIN = 80, 20.0
+"""Directions of people at least, and logarithm of the likelihood over that of chance."""
+MIN_LEAD = 8.0
+"""Logarithm of the likelihood over that of the next pose."""
+MAX_SIGMA, MAX_SIGMA_YAW = 0.5, np.radians(5.0)
+"""Largest standard deviations of a position [m] and a yaw that count as determined."""
+
+
+class Path(NamedTuple):
+    """Path of a person: times (n,) [s], and positions (n,) x + i y."""
+
+    t_s: Floats
+    xy: Complexes
+
+
+class Directions(NamedTuple):
+    """Directions of arrival of one array.
+
+    Attributes:
+        t_s: (K,) stamped times [s].
+        azimuth: (K,) in the world, by the yaw with which they were recorded [rad].
+        elevation: (K,) [rad]; NaN: not measured.
+        sigma: (K,) standard deviation of azimuths [rad].
+        sigma_elevation: (K,) of elevations [rad].
+    """
+
+    t_s: Floats
+    azimuth: Floats
+    elevation: Floats
+    sigma: Floats
+    sigma_elevation: Floats
+
+    def take(self, rows: Ints) -> Directions:
+        """Some of the directions."""
+        return Directions(*(each[rows] for each in self))
+
+
+class ArrayPrior(NamedTuple):
+    """What is known of an array and of people before; lengths in the unit of the scene.
+
+    Attributes:
+        recorded_yaw: yaw with which directions were recorded [rad].
+        max_late_s: largest offset of the clock [s]; 0: the clock is right.
+        mouth: height of mouths.
+        sigma_mouth: its standard deviation.
+        metre: units in a metre.
+    """
+
+    recorded_yaw: float
+    max_late_s: float
+    mouth: float
+    sigma_mouth: float
+    metre: float
+
+
+class ArrayResult(NamedTuple):
+    """What was found of one array.
+
+    Attributes:
+        array: with its pose.
+        reason: why it is left as it was stated; empty: it was estimated.
+        sigma: (5,) standard deviations of x, y, z, yaw [rad] and clock [s]; NaN: not estimated.
+        late_s: by how much its clock is late [s].
+        directions: number of directions.
+        share: of them that are of people.
+        scale: factor of the stated standard deviations of directions.
+    """
+
+    array: MicrophoneArray
+    reason: str
+    sigma: Floats
+    late_s: float
+    directions: int
+    share: float
+    scale: float
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the offset of the clock is significant, and matters."""
+        return not self.reason and abs(self.late_s) > max(3.0 * float(self.sigma[LATE_SIGMA]), MIN_LATE_S)
+
+
+def place_array(array: MicrophoneArray, heard: Directions, paths: Sequence[Path], prior: ArrayPrior) -> ArrayResult:
+    """Estimate the pose and the clock of an array.
+
+    Args:
+        array: as it is stated.
+        heard: its directions.
+        paths: of people, in the frame of the result, by the common clock.
+        prior: what is known of it.
+    """
+    none = ArrayResult(array, FEW, np.full(5, np.nan), 0.0, len(heard.t_s), 0.0, 1.0)
+    if not paths:
+        return none
+    problem = _Problem.of(heard, paths, prior)
+    if np.count_nonzero(problem.near()) < MIN_DIRECTIONS:
+        return none
+    found = _searched(problem, prior)
+    if not found or found[0].gain < MIN_GAIN or found[0].of_people < MIN_DIRECTIONS:
+        return none._replace(share=found[0].share if found else 0.0)
+    best = found[0]
+    sigma = np.sqrt(np.diag(best.covariance))
+    out = none._replace(reason="", share=best.share, scale=best.scale)
+    if max(sigma[X], sigma[Y]) > MAX_SIGMA * prior.metre or sigma[YAW] > MAX_SIGMA_YAW:
+        return out._replace(reason=LOOSE)
+    if len(found) > 1 and best.gain - found[1].gain < MIN_LEAD:
+        return out._replace(reason=AMBIGUOUS)
+    return _placed(out, best, sigma, prior, problem)
+
+
+def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, problem: _Problem) -> ArrayResult:
+    """The result with pose, standard deviations, and the offset of the clock."""
+    x, y, turned, late, drop = best.values.tolist()
+    z, sigma_z = float(out.array.position[2]), float("nan")
+    if problem.raised:
+        z, sigma_z = prior.mouth + drop, float(np.hypot(sigma[DROP], prior.sigma_mouth))
+    yaw = float(wrap_angle(np.array(prior.recorded_yaw + turned)))
+    return out._replace(
+        array=replace(out.array, position=np.array([x, y, z]), yaw=yaw),
+        sigma=np.array([sigma[X], sigma[Y], sigma_z, sigma[YAW], sigma[LATE] if prior.max_late_s else 0.0]),
+        late_s=late,
+    )
+
+
+class _Fit(NamedTuple):
+    """A maximum of the likelihood."""
+
+    values: Floats
+    gain: float  # logarithm of the likelihood over that of directions of no person
+    of_people: float  # number of directions
+    share: float
+    scale: float
+    covariance: Floats = np.zeros((0, 0))
+
+
+@dataclass
+class _Problem:
+    """Directions and paths, and what is free.
+
+    Attributes:
+        heard: K directions.
+        start_s: first time of the grid [s].
+        xy: (P, T) positions of people on the grid; NaN: not there.
+        metre: units in a metre.
+        max_late_s: largest offset of the clock.
+    """
+
+    heard: Directions
+    start_s: float
+    xy: Complexes
+    metre: float
+    max_late_s: float
+
+    @classmethod
+    def of(cls, heard: Directions, paths: Sequence[Path], prior: ArrayPrior) -> _Problem:
+        """Paths on the grid, and directions at times near to it."""
+        start = min(float(p.t_s[0]) for p in paths)
+        stop = max(float(p.t_s[-1]) for p in paths)
+        times: Floats = start + STEP_S * np.arange(int((stop - start) / STEP_S) + 2, dtype=np.float64)
+        xy = np.array([_on_grid(p, times) for p in paths])
+        near = np.flatnonzero((heard.t_s > start - prior.max_late_s) & (heard.t_s < stop + prior.max_late_s))
+        return cls(heard.take(_spread(near, MAX_DIRECTIONS)), start, xy, prior.metre, prior.max_late_s)
+
+    @property
+    def raised(self) -> bool:
+        """Whether elevations determine the height."""
+        return bool(np.count_nonzero(np.isfinite(self.heard.elevation)) >= MIN_DIRECTIONS)
+
+    def part(self) -> _Problem:
+        """The directions with which the search starts."""
+        near = np.flatnonzero(self.near())
+        return replace(self, heard=self.heard.take(_spread(near, SEARCHED)))
+
+    def near(self) -> Bools:
+        """(K,) directions at times with a person."""
+        return np.asarray(np.isfinite(self.positions(0.0)[0]).any(axis=0))
+
+    def positions(self, late_s: float) -> tuple[Complexes, Complexes]:
+        """(P, K) positions and velocities of people at the times of the directions; NaN: not there."""
+        at = (self.heard.t_s - late_s - self.start_s) / STEP_S
+        k = np.clip(np.floor(at).astype(np.int64), 0, self.xy.shape[1] - 2)
+        share = at - k
+        a, b = self.xy[:, k], self.xy[:, k + 1]
+        inside = (share >= 0.0) & (share <= 1.0)
+        return np.where(inside, a + share * (b - a), np.nan), np.where(inside, (b - a) / STEP_S, np.nan)
+
+
+def _on_grid(path: Path, times: Floats) -> Complexes:
+    """(T,) positions at the times of a grid; NaN outside and in gaps."""
+    out = np.interp(times, path.t_s, path.xy.real) + 1j * np.interp(times, path.t_s, path.xy.imag)
+    k = np.clip(np.searchsorted(path.t_s, times), 1, len(path.t_s) - 1)
+    gap = path.t_s[k] - path.t_s[k - 1] > MAX_GAP_S
+    out[(times < path.t_s[0]) | (times > path.t_s[-1]) | gap] = np.nan
+    return np.asarray(out)
+
+
+def _spread(rows: Ints, most: int) -> Ints:
+    """At most so many of the rows, evenly spread."""
+    if len(rows) <= most:
+        return rows
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, most).round().astype(np.int64)])
+
+
+def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
+    """Maxima of the likelihood, the largest first."""
+    part = problem.part()
+    first = [_climbed(part, values, FEW_STEPS, ANNEALING) for values in _starts(part, prior)]
+    first.sort(key=lambda each: -each.gain)
+    out: list[_Fit] = []
+    for each in _distinct(first, problem.metre)[:KEPT]:
+        out.append(_climbed(problem, each.values, STEPS, ANNEALING[-1:]))
+    out.sort(key=lambda each: -each.gain)
+    out = _distinct(out, problem.metre)
+    return [out[0]._replace(covariance=_covariance(problem, out[0])), *out[1:]] if out else out
+
+
+def _distinct(fits: Sequence[_Fit], metre: float) -> list[_Fit]:
+    """Fits without those near to a better one."""
+    out: list[_Fit] = []
+    for each in fits:
+        if not any(_near(each.values, other.values, metre) for other in out):
+            out.append(each)
+    return out
+
+
+def _near(a: Floats, b: Floats, metre: float) -> bool:
+    """Whether two poses are nearly the same."""
+    turned = abs(float(wrap_angle(np.array(a[YAW] - b[YAW]))))
+    return bool(np.hypot(a[X] - b[X], a[Y] - b[Y]) < metre and turned < 0.35)
+
+
+def _starts(part: _Problem, prior: ArrayPrior) -> list[Floats]:
+    """Poses at which most directions agree with people."""
+    step, around = GRID * prior.metre, AROUND * prior.metre
+    there = part.xy[np.isfinite(part.xy)]
+    low = complex(there.real.min() - around, there.imag.min() - around)
+    high = complex(there.real.max() + around, there.imag.max() + around)
+    xs = np.arange(low.real, high.real + step, step)
+    ys = np.arange(low.imag, high.imag + step, step)
+    places = (xs[:, None] + 1j * ys[None, :]).ravel()
+    lates = GRID_LATE_S * np.arange(-np.floor(part.max_late_s / GRID_LATE_S), part.max_late_s / GRID_LATE_S + 1e-9)
+    centres = 2.0 * np.pi * (np.arange(BINS) + 0.5) / BINS
+    found: list[tuple[float, Floats]] = []
+    for late in lates.tolist():
+        at, _ = part.positions(late)
+        votes = _votes(at, places, part.heard.azimuth)
+        best = votes.argmax(axis=1)
+        for k in np.argsort(-votes.max(axis=1), kind="stable")[:PROPOSED].tolist():
+            values = np.array([places[k].real, places[k].imag, centres[best[k]], late, 0.0])
+            found.append((float(votes[k, best[k]]), values))
+    # Of the proposals with most votes those with the largest likelihood of azimuths with wide errors
+    flat = replace(part, heard=part.heard._replace(elevation=np.full(len(part.heard.t_s), np.nan)))
+    wide = ANNEALING[0]
+    found = [
+        (_weighed(flat, _terms(flat, values), wide, 0.5).gain, values)
+        for _, values in sorted(found, key=lambda each: -each[0])[: JUDGED * PROPOSED]
+    ]
+    found.sort(key=lambda each: -each[0])
+    out: list[Floats] = []
+    for _, values in found:
+        if not any(_near(values, other, prior.metre) for other in out):
+            out.append(values)
+    return out[:STARTS]
+
+
+def _votes(at: Complexes, places: Complexes, azimuth: Floats) -> Floats:
+    """(G, BINS) directions that agree with a person, by the yaw, at each of G positions, less those by chance.
+
+    A direction has one vote for a bin, however many people are there.
+    """
+    out = np.zeros((len(places), BINS))
+    turn, K = np.exp(-1j * azimuth), len(azimuth)
+    for g0 in range(0, len(places), CHUNK):
+        own = places[g0 : g0 + CHUNK]
+        hit = np.zeros((len(own), BINS, K), dtype=np.bool_)
+        for person in at:
+            k = np.flatnonzero(np.isfinite(person))
+            off = np.angle((person[k] - own[:, None]) * turn[k]) % (2.0 * np.pi)
+            bins = np.minimum((off / (2.0 * np.pi) * BINS).astype(np.int64), BINS - 1)
+            hit[np.arange(len(own))[:, None], bins, k] = True
+        near = hit | np.roll(hit, 1, axis=1) | np.roll(hit, -1, axis=1)
+        out[g0 : g0 + CHUNK] = near.sum(axis=2)
+    return np.asarray(out - out.mean(axis=1, keepdims=True))
+
+
+class _Terms(NamedTuple):
+    """Residuals of P people and K directions, and derivatives by the parameters."""
+
+    azimuth: Floats  # (P, K) [rad]
+    elevation: Floats  # (P, K) [rad]; NaN: not measured
+    slope: Floats  # (P, K, 5) of azimuths
+    slope_up: Floats  # (P, K, 5) of elevations
+    spread: Floats  # (P, K) standard deviation that the mouth adds [rad]
+    there: Bools  # (P, K)
+
+
+def _terms(problem: _Problem, values: Floats) -> _Terms:
+    """Residuals and derivatives at some values."""
+    heard = problem.heard
+    at, speed = problem.positions(float(values[LATE]))
+    there = np.isfinite(at)
+    d = np.where(there, at - complex(values[X], values[Y]), 1.0)
+    v = np.where(there, speed, 0.0)
+    away = np.maximum(np.abs(d), 0.2 * problem.metre)
+    off = np.angle(np.exp(1j * (heard.azimuth + values[YAW])) * np.conj(d))
+    slope = np.zeros((*d.shape, PARAMETERS))
+    slope[..., X], slope[..., Y], slope[..., YAW] = -d.imag / away**2, d.real / away**2, 1.0
+    slope[..., LATE] = (np.conj(d) * v).imag / away**2
+    up = heard.elevation - np.arctan2(-values[DROP], away)
+    slope_up = np.zeros_like(slope)
+    square = away**2 + values[DROP] ** 2
+    slope_up[..., DROP] = away / square
+    slope_up[..., X] = values[DROP] / square * d.real / away
+    slope_up[..., Y] = values[DROP] / square * d.imag / away
+    slope_up[..., LATE] = values[DROP] / square * (np.conj(d) * v).real / away
+    if not problem.max_late_s:
+        slope[..., LATE] = slope_up[..., LATE] = 0.0
+    return _Terms(off, up, slope, slope_up, MOUTH_OFF * problem.metre / away, there)
+
+
+class _Normal(NamedTuple):
+    """Matrix (5, 5) and right side (5,) of the normal equations, scores (K, 5), and missing information (5, 5)."""
+
+    matrix: Floats
+    right: Floats
+    scores: Floats
+    missing: Floats
+
+
+class _Weighed(NamedTuple):
+    """Probabilities that directions are of people, and what follows from them."""
+
+    of_person: Floats  # (P, K)
+    variance: Floats  # (P, K) of azimuths
+    variance_up: Floats  # (P, K) of elevations
+    gain: float
+    chance: float  # share of directions of no person
+
+
+def _weighed(problem: _Problem, terms: _Terms, scale: float, chance: float) -> _Weighed:
+    """Responsibilities of the mixture."""
+    heard = problem.heard
+    variance = (scale * heard.sigma) ** 2 + terms.spread**2
+    variance_up = (scale * heard.sigma_elevation) ** 2 + terms.spread**2
+    measured = np.isfinite(terms.elevation)
+    log = -0.5 * terms.azimuth**2 / variance - 0.5 * np.log(2.0 * np.pi * variance)
+    with np.errstate(invalid="ignore"):
+        log_up = -0.5 * terms.elevation**2 / variance_up - 0.5 * np.log(2.0 * np.pi * variance_up)
+    log += np.where(measured, log_up, 0.0)
+    # Other sources are even over the sphere, or over all azimuths
+    other = -np.log(2.0 * np.pi) + np.where(
+        np.isfinite(heard.elevation), np.log(0.5 * np.maximum(np.cos(heard.elevation), 1e-3)), 0.0
+    )
+    count = terms.there.sum(axis=0)
+    ratio = np.where(terms.there, np.exp(np.clip(log - other, -700.0, 50.0)), 0.0)
+    ratio *= (1.0 - chance) / np.maximum(count, 1)
+    total = chance + ratio.sum(axis=0)
+    heard_any = count > 0
+    share = ratio / total
+    gain = float(np.log(total[heard_any]).sum())
+    return _Weighed(share, variance, variance_up, gain, float(1.0 - share.sum() / max(np.count_nonzero(heard_any), 1)))
+
+
+def _normal(terms: _Terms, w: _Weighed, late_precision: float, values: Floats) -> _Normal:
+    """Normal equations of a Gauss-Newton step, scores, and the information that unknown associations take."""
+    pull = w.of_person / w.variance
+    up = np.isfinite(terms.elevation)
+    pull_up = np.where(up, w.of_person / w.variance_up, 0.0)
+    matrix = np.einsum("pk,pki,pkj->ij", pull, terms.slope, terms.slope)
+    matrix += np.einsum("pk,pki,pkj->ij", pull_up, terms.slope_up, terms.slope_up)
+    of_pair = -(terms.azimuth / w.variance)[..., None] * terms.slope
+    of_pair -= np.where(up, terms.elevation / w.variance_up, 0.0)[..., None] * terms.slope_up
+    scores = np.einsum("pk,pki->ki", w.of_person, of_pair)
+    missing = np.einsum("pk,pki,pkj->ij", w.of_person, of_pair, of_pair) - scores.T @ scores
+    right = scores.sum(axis=0)
+    matrix[LATE, LATE] += late_precision
+    right[LATE] -= late_precision * values[LATE]
+    return _Normal(matrix, right, scores, missing)
+
+
+def _late_precision(problem: _Problem) -> float:
+    """Precision of the prior of the clock."""
+    return 4.0 / problem.max_late_s**2 if problem.max_late_s else 1.0
+
+
+def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[float]) -> _Fit:
+    """The maximum of the likelihood near a start."""
+    values, scale, chance = start.copy(), 1.0, 0.3
+    loose = np.diag([1e-6 / problem.metre**2] * 2 + [1e-6, 1e-6, 1e-6])
+    for n in range(limit):
+        wide = annealing[n] if n < len(annealing) else 1.0
+        terms = _terms(problem, values)
+        w = _weighed(problem, terms, scale * wide, chance)
+        matrix, right, *_ = _normal(terms, w, _late_precision(problem), values)
+        # Steps of at most a metre and a quarter of a turn
+        step = np.linalg.solve(matrix + loose + np.diag(1e-3 * np.diag(matrix)), right)
+        size = np.max(np.abs(step) / [problem.metre, problem.metre, 0.8, 0.5, problem.metre])
+        values = values + step / max(float(size), 1.0)
+        values[LATE] = np.clip(values[LATE], -problem.max_late_s, problem.max_late_s)
+        chance = float(np.clip(w.chance, 0.01, 0.98))
+        if n >= len(annealing):
+            total = max(float(w.of_person.sum()), 1.0)
+            square = float((w.of_person * terms.azimuth**2 / w.variance).sum()) / total
+            scale = float(np.clip(scale * np.sqrt(square), NARROWEST, WIDEST))
+            if float(step @ matrix @ step) < TOLERANCE**2:
+                break
+    w = _weighed(problem, _terms(problem, values), scale, chance)
+    count = float(w.of_person.sum())
+    return _Fit(values, w.gain, count, count / max(len(problem.heard.t_s), 1), scale)
+
+
+def _covariance(problem: _Problem, fit: _Fit) -> Floats:
+    """(5, 5) covariance of the parameters."""
+    terms = _terms(problem, fit.values)
+    w = _weighed(problem, terms, fit.scale, float(np.clip(1.0 - fit.share, 0.01, 0.98)))
+    matrix, _, scores, missing = _normal(terms, w, _late_precision(problem), fit.values)
+    unit = np.array([problem.metre, problem.metre, 1.0, 1.0, problem.metre])
+    inverse = _inverse(matrix, missing, unit)
+    block = ((problem.heard.t_s - problem.start_s) // BLOCK_S).astype(np.int64)
+    block -= block.min()
+    sums = np.zeros((int(block.max()) + 1, PARAMETERS))
+    np.add.at(sums, block, scores)
+    filled = max(len(np.unique(block)), 2)
+    sandwich = inverse @ (sums.T @ sums) @ inverse * filled / (filled - 1)
+    wider = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(inverse), 1.0))
+    return np.asarray(wider[:, None] * inverse * wider)
+
+
+def _inverse(matrix: Floats, missing: Floats, unit: Floats) -> Floats:
+    """Inverse of the observed information (Louis 1982), which unknown associations leave a tenth of at least.
+
+    What nothing determines has a standard deviation of a kilometre or a thousand radians.
+    """
+    scaled = (matrix + np.diag(1e-6 / unit**2)) * np.outer(unit, unit)
+    root = np.linalg.cholesky(scaled)
+    inner = np.linalg.inv(root)
+    lost, axes = np.linalg.eigh(inner @ (missing * np.outer(unit, unit)) @ inner.T)
+    kept = inner.T @ axes
+    return np.asarray((kept / np.maximum(1.0 - lost, 0.1)) @ kept.T * np.outer(unit, unit))

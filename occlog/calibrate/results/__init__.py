@@ -1,0 +1,1 @@
+"""What a calibration writes: scenes, calibrations of other programs, pictures of residuals."""

@@ -1,0 +1,1 @@
+"""Initial poses and focal lengths: from paths of people, their boxes, or marked points."""

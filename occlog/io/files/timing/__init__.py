@@ -1,0 +1,1 @@
+"""Times of rows and frames: parsing, units, UTC, and the choice of frames."""

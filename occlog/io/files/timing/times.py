@@ -1,0 +1,401 @@
+"""Parsing of time stamps, and time stamp files with the time of every frame."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.console.notes import note_once
+from occlog.errors import InputError, option
+from occlog.io.files.timing.utc import time_words
+from occlog.records.columns import MAX_NS
+
+from ..names import check_meaning, match_sensor
+from ..texts.csv_rows import MISSING, CsvRows, first_line, is_header, last_place, read_plain, read_rows
+
+WHAT = "a table of time stamps"
+HOUR_NS = 3600 * NS
+UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
+LATEST_S = 10**11
+"""A larger number of seconds (year 5138) is in another unit."""
+COARSEST_NS = 10**6
+"""Times that are held or written to less than this (1 ms) have been rounded by whoever wrote them."""
+
+TIME_COLUMNS = {
+    "ns": ("t_ns", "time_ns", "timestamp_ns", "frame_time_ns"),
+    "us": ("t_us", "time_us", "timestamp_us", "frame_time_us"),
+    "ms": ("t_ms", "time_ms", "timestamp_ms", "frame_time_ms"),
+    "s": ("time", "t", "t_s", "time_s", "timestamp", "timestamp_s", "frame_time", "seconds", "unix_time"),
+}
+"""Accepted names of time columns; the ending states the unit, seconds without one."""
+
+UNITLESS = ("time", "t", "timestamp", "frame_time")
+"""Names of columns of seconds that do not state so."""
+MAX_INTERVAL_S, MIN_INTERVALS = 2.0, 10
+"""Time from frame to frame [s] above which the unit of such a column is asked for, and the number of intervals from
+which it is."""
+_FRAME = ("frame", "frame_index", "frame_number", "index")
+_CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
+_COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
+_BESIDE = ("sync_index",)
+_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?$")
+_DATE = r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}"
+_TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
+_FORM = "2024-05-01T12:00:00.25Z"
+_OTHERWISE = (
+    (r"[+-]?\d+,\d{1,2}|[+-]?\d+,\d{4,}", "has a decimal comma; write it with a point"),
+    (r"[+-]?\d{1,3}(?:[, '\u00a0\u202f]\d{3})+(?:\.\d*)?", "has separators of thousands; write digits alone"),
+    (_TIME_OF_DAY + r"\s*([AaPp][Mm])?", f"is a time of day without its date; write {_FORM}"),
+    (_DATE + r"[T ]+" + _TIME_OF_DAY + r"\s*([AaPp][Mm])", f"has hours of 12; write {_FORM}"),
+    (
+        r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*[A-Za-z][A-Za-z/_]+",
+        "has a zone by name; write its offset, as +02:00",
+    ),
+    (_DATE + r"(?:[T ]+" + _TIME_OF_DAY + ")?", f"is a date that may be read in several orders; write {_FORM}"),
+)
+"""Texts that are meant as times and are not read, with the reason and the remedy."""
+
+
+def parse_start_time(text: str) -> int:
+    """Parse a start time (`parse_time`); InputError names the option."""
+    try:
+        return parse_time(text)
+    except InputError as error:
+        raise InputError(f"{option('start_time')}: {error}") from None
+
+
+def parse_time(text: str, unit: str = "s") -> int:
+    """Time [ns since the Unix epoch] of a number in `unit` or of an ISO 8601 date and time (UTC unless it states).
+
+    Exact to the nanosecond.  Raises InputError for anything else, for a number of
+    seconds beyond the year 5138, which must have been meant in another unit, and for a
+    number with an exponent and a last digit that represents more than `COARSEST_NS`: float32 and
+    six digits of 1.71456e+09 are a minute or more away from the time that was meant.
+    """
+    iso = _ISO.match(text.strip())
+    if iso:
+        return _iso_ns(iso, text)
+    try:
+        # Python alone takes 1_0 for a number
+        value = Decimal("NaN" if "_" in text else text.strip())
+    except InvalidOperation:
+        value = Decimal("NaN")
+    if not value.is_finite():
+        raise InputError(f"time {text!r}: {_fault(text.strip())}")
+    if value.adjusted() > 30:  # before any arithmetic, which could overflow
+        raise InputError(f"time {text!r}: out of range", id="time-out-of-range")
+    if unit == "s" and abs(value) > LATEST_S:
+        raise InputError(
+            f"time {text!r}: too large for seconds; name the column t_ms, t_us or t_ns", id="time-out-of-range"
+        )
+    ns = int((value * UNITS[unit]).to_integral_value())
+    if abs(ns) > MAX_NS:
+        raise InputError(f"time {text!r}: out of range for {unit}", id="time-out-of-range")
+    step = last_place(text) * UNITS[unit]
+    if step > COARSEST_NS:
+        raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or t_ns in whole numbers")
+    return ns
+
+
+def _fault(text: str) -> str:
+    """Description of why a text is not a valid time, with the remedy."""
+    if text.lower() in MISSING:
+        return "is missing; remove the row, or give its time"
+    reason = next((reason for form, reason in _OTHERWISE if re.fullmatch(form, text)), "")
+    return reason or f"neither a number nor a date and time such as {_FORM}; correct or remove this row"
+
+
+def coarse(ns: float) -> str:
+    """Description of the precision of times with limited digits."""
+    return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
+
+
+def _iso_ns(iso: re.Match[str], text: str) -> int:
+    day, clock, fraction, zone = iso.groups()
+    if clock.endswith(":60"):
+        raise InputError(f"time {text!r}: a leap second, which these times do not have; write it as :59.999")
+    try:
+        instant = datetime.fromisoformat(f"{day}T{clock}" + (zone if zone and zone[0] in "+-" else "+00:00"))
+    except ValueError as error:
+        raise InputError(f"time {text!r}: {error}") from None
+    seconds = (instant - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    ns = int(seconds) * 10**9 + int((fraction or "0").ljust(9, "0"))
+    if abs(ns) > MAX_NS:
+        raise InputError(f"time {text!r}: out of range; times from 1824 to 2115 can be held", id="time-out-of-range")
+    return ns
+
+
+def unit_by_size(largest: float) -> str:
+    """Infer the unit of a time since 1970: s, ms, us or ns, so that the year is 1973 to 5138.
+
+    Each is a thousand times the other, so that a time of these years has one unit only.
+    """
+    for unit, scale in (("s", 1), ("ms", 10**3), ("us", 10**6)):
+        if largest <= LATEST_S * scale:
+            return unit
+    return "ns"
+
+
+def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError]) -> str:
+    """Unit of a time column: the stated one, else seconds, or inferred if the values are too large for seconds.
+
+    Args:
+        values: (n,) times.
+        unit: stated unit; empty: none is stated.
+        fail: makes an error of a row and a message.
+
+    Raises:
+        InputError: times are too large for stated seconds, or in several units by their size.
+    """
+    sizes = np.abs(values)
+    if unit not in ("", "s") or not len(sizes) or sizes.max() <= LATEST_S:
+        return unit or "s"
+    if unit:
+        row = int(np.argmax(sizes))
+        raise fail(row, f"time {values[row]:.12g}: too large for seconds; name the column t_ms, t_us or t_ns")
+    found = unit_by_size(float(sizes.max()))
+    least, most = (int(np.argmin(np.where(sizes > 0.0, sizes, np.inf))), int(np.argmax(sizes)))
+    if unit_by_size(float(sizes[least])) != found:
+        several = f"times {values[least]:.15g} and {values[most]:.15g} are in several units"
+        raise fail(least, f"{several}; give all one, in a column t_s, t_ms, t_us or t_ns")
+    return found
+
+
+def _number(text: str) -> float:
+    """Parse a number; 0 for any other text."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) else 0.0
+
+
+def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], InputError]) -> Ints:
+    """Parse texts to (n,) times [ns], as `parse_time` does.
+
+    Numbers without a stated unit that are too large for seconds are in the unit of their size.  A column has dates with
+    a zone, or without one, which are in UTC, but not both.
+
+    Args:
+        texts: cells.
+        unit: unit of numbers; empty: it is not stated.
+        fail: makes an error of a row and a message.
+
+    Raises:
+        InputError: see above.
+    """
+    out = np.empty(len(texts), dtype=np.int64)
+    zoned: bool | None = None
+    if unit in ("", "s"):
+        unit = column_unit(np.array([_number(text) for text in texts]), unit, fail)
+    for row, text in enumerate(texts):
+        iso = _ISO.match(text.strip())
+        if iso is not None:
+            if zoned not in (None, iso[4] is not None):
+                raise fail(row, f"time {text!r}: of one column some have a time zone and some do not; give all one")
+            zoned = iso[4] is not None
+        try:
+            out[row] = parse_time(text, unit)
+        except InputError as error:
+            raise fail(row, str(error)) from None
+    return out
+
+
+def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
+    """Parse a column to (n,) times [ns]; InputError with the line."""
+    if unit == "ns":
+        t_ns = rows.ints(name)
+        far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
+        if len(far):
+            raise rows.fail(
+                int(far[0]), f"time {time_words(t_ns[far[0]])}: out of range; times from 1824 to 2115 can be held"
+            )
+        return t_ns
+    return parse_column(rows.cells[name].tolist(), unit, rows.fail)
+
+
+def time_column(rows: CsvRows) -> str | None:
+    """Unit of a table's time column, None without one; InputError for two time columns."""
+    found = [unit for unit in TIME_COLUMNS if rows.has(unit)]
+    if len(found) > 1:
+        raise InputError(
+            f"{rows.path}: two columns of times ({' and '.join(found)}); keep one", id="conflicting-values"
+        )
+    return found[0] if found else None
+
+
+def check_unit(rows: CsvRows, interval_s: Floats) -> None:
+    """InputError for a time column without unit, if its intervals suggest that it is not in seconds.
+
+    Args:
+        rows: some of the table.
+        interval_s: (n,) time from each frame to the next [s], by seconds.
+
+    Raises:
+        InputError: frames are too far apart for people to be tracked from one to the next.
+    """
+    if len(interval_s) < MIN_INTERVALS or not (usual := float(np.median(interval_s))) > MAX_INTERVAL_S:
+        return
+    head = [cell.lower() for cell in first_line(rows.path, WHAT)]
+    named = is_header_line(rows.path)
+    if not rows.has("s") or _ISO.match(str(rows.cells["s"][0])) or (named and not set(head) & set(UNITLESS)):
+        return
+    column = next((f"column {name}" for name in UNITLESS if named and name in head), "times without a header")
+    raise InputError(
+        f"{rows.path}: {column}: {usual:g} s from frame to frame if these are seconds; name the column after its unit: "
+        "t_ms, t_us or t_ns, or t_s if they are",
+        id="missing-unit",
+    )
+
+
+def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
+    """Read the times [ns] of frames 0, 1, ... of each camera from a time stamp file.
+
+    The file has one time a line, or the columns frame and time, or a header line with a
+    column of times and perhaps `frame` and `camera`.  Without a column `camera` it holds
+    for every name in `cameras`.  InputError with the line where times repeat or go back,
+    or where a frame is skipped.
+    """
+    found = list(iter_times(path))
+    if not found:
+        raise InputError(f"{path}: holds a header and no row; {WHAT} was expected", id="empty-input")
+    parts, unit = [rows for rows, _ in found], found[0][1]
+    rows = CsvRows(
+        path,
+        np.concatenate([p.lines for p in parts]),
+        {name: np.concatenate([p.cells[name] for p in parts]) for name in parts[0].cells},
+    )
+    return _by_camera(rows, unit, cameras)
+
+
+def looks_like_times(path: Path) -> bool:
+    """Whether a text is a table of time stamps only, by its first line."""
+    try:
+        cells = first_line(path, WHAT)
+        named = is_header_line(path)
+    except InputError:
+        return False
+    if not named:
+        return 0 < len(cells) <= 2
+    names = {name for spelled in _COLUMNS.values() for name in spelled} | set(_BESIDE)
+    times = {name for spelled in TIME_COLUMNS.values() for name in spelled}
+    low = {cell.lower() for cell in cells}
+    return low <= names and bool(low & times)
+
+
+def iter_times(path: Path) -> Iterator[tuple[CsvRows, str]]:
+    """Generate the rows of a time stamp table, with the unit of its time column."""
+    header = is_header_line(path)
+    # The file is closed where a fault ends the reading, too
+    with closing(read_rows(path, _COLUMNS, WHAT, ignored=_BESIDE) if header else read_plain(path, WHAT)) as parts:
+        for part in parts:
+            rows = part if header else _named(part)
+            unit = time_column(rows)
+            if unit is None:
+                raise InputError(
+                    f"{path}: no column of times; name one of them time (seconds) or t_ns", id="missing-column"
+                )
+            yield rows, unit
+
+
+def is_header_line(path: Path) -> bool:
+    """Whether a file begins with column names (rather than a date and time)."""
+    cells = first_line(path, WHAT)
+    return is_header(cells) and not any(cell[:1].isdigit() for cell in cells)
+
+
+def _named(rows: CsvRows) -> CsvRows:
+    columns = {1: ("s",), 2: ("frame", "s")}.get(len(rows.cells))
+    if columns is None:
+        raise InputError(
+            f"{rows.path}: {len(rows.cells)} columns without a header; give one time a line, frame and time, "
+            "or a header line",
+            id="missing-column",
+        )
+    return CsvRows(rows.path, rows.lines, dict(zip(columns, rows.cells.values(), strict=True)))
+
+
+def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, Ints]:
+    t_ns = parse_times(rows, unit, unit)
+    if not rows.has("camera"):
+        times = _in_order(rows, t_ns, np.arange(len(rows)))
+        return dict.fromkeys(cameras, times)
+    given = rows.cells["camera"]
+    out: dict[str, Ints] = {}
+    meant: dict[str, str] = {}
+    for label in dict.fromkeys(given.tolist()):
+        picked = np.flatnonzero(given == label)
+        try:
+            name = match_sensor(label, cameras, str(rows.path))
+        except InputError:
+            continue  # the file may contain more cameras than are ingested
+        check_meaning(meant, label, name, str(rows.path))
+        out[name] = _in_order(rows, t_ns[picked], picked)
+    if not out:
+        raise InputError(
+            f"{rows.path}: contains {str(given[0])!r}, but none of {', '.join(cameras)}", id="missing-column"
+        )
+    return out
+
+
+MIN_ROWS_A_RUN = 8
+"""Rows from one fall of the times to the next, at least, for a clock that was set; in mean."""
+
+
+def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: Sequence[np.ndarray]) -> None:
+    """Warn of times that decrease within the rows of one owner: a clock was set, or two runs are in one file.
+
+    Args:
+        path: the file.
+        location: word for the numbers of rows.
+        lines: (n,) numbers of rows, rising.
+        t_ns: (n,) their times.
+        owners: columns (n,) that identify the owner of a row.
+    """
+    codes = [np.unique(owner, return_inverse=True)[1] for owner in owners]
+    order = np.lexsort([np.arange(len(t_ns)), *codes])
+    new = np.zeros(max(len(t_ns) - 1, 0), dtype=np.bool_)
+    for code in codes:
+        new |= code[order][1:] != code[order][:-1]
+    sorted_ns = t_ns[order]
+    back = np.flatnonzero((sorted_ns[1:] < sorted_ns[:-1]) & ~new)
+    if not len(back) or len(t_ns) < MIN_ROWS_A_RUN * (len(back) + np.count_nonzero(new) + 1):
+        return  # in order, or in another order than that of time
+    first = back[np.argmin(lines[order][back + 1])]
+    note_once(
+        f"warning: {path}: {location} {lines[order][first + 1]}: time goes back by "
+        f"{(sorted_ns[first] - sorted_ns[first + 1]) / NS:.6g} s: a clock that was set, or two runs in one file? Rows "
+        "are sorted by time"
+    )
+
+
+def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
+    """Times by frame number; InputError unless times increase strictly and frames, if given, are 0, 1, ..."""
+    if rows.has("frame"):
+        frames = rows.ints("frame")[picked]
+        wrong = np.flatnonzero(frames != np.arange(len(frames)))
+        if len(wrong):
+            raise rows.fail(
+                int(picked[wrong[0]]),
+                f"frame {frames[wrong[0]]} where frame {wrong[0]} was expected; list every frame once, from 0",
+            )
+    back = np.flatnonzero(np.diff(t_ns) <= 0)
+    if len(back):
+        row = int(back[0]) + 1
+        verb = "repeats" if t_ns[row] == t_ns[row - 1] else "goes back"
+        summer = abs(int(t_ns[row - 1] - t_ns[row]) - HOUR_NS) < HOUR_NS // 60
+        remedy = "correct the file" + "; by an hour: local time at the end of summer time? Write UTC" * summer
+        raise rows.fail(
+            int(picked[row]),
+            f"time stamp {verb} ({time_words(t_ns[row])} after {time_words(t_ns[row - 1])}); {remedy}",
+        )
+    check_unit(rows, np.diff(t_ns) / NS)
+    return t_ns

@@ -1,0 +1,1 @@
+"""Readers of calibrations, one module a format."""

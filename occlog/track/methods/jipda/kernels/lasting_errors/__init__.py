@@ -1,0 +1,1 @@
+"""Residuals and sums from which lasting errors are learned."""

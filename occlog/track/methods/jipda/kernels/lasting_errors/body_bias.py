@@ -1,0 +1,79 @@
+"""Shift of estimated positions due to an error of the body model that is common to all cameras."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
+
+from ..body_box import GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from ..detections import DetectorModel, axis_noise
+from ..linear import invert
+
+
+@kernel
+def body_bias_shift(
+    mean: Floats, covariance: Floats, views: PackedCameras, rates: DetectorModel
+) -> tuple[Floats, Floats]:
+    """Derivative of least-squares positions with respect to a common bias of the box centres.
+
+    Cameras around a person shift the position in different directions, cameras on one side all along their lines of
+    sight. Occlusion is ignored.
+
+    Args:
+        mean: (N, 6) people.
+        covariance: (N, 6, 6): of it the variances of heights and widths.
+        views: C cameras and sources of positions.
+        rates: of the detectors.
+
+    Returns:
+        (N, 2) shift for a bias of one height of the box; (N,) its length as a share of the sum of what single cameras
+        contribute: 1 if all cameras with the person in view are on one side.
+    """
+    N, C = mean.shape[0], views.lens.shape[0]
+    shift, share = np.zeros((N, 2)), np.ones(N)
+    box, slope, inverse = np.empty(4), np.zeros((4, 6)), np.empty((4, 4))
+    for i in range(N):
+        A, b = np.zeros((4, 4)), np.zeros((C, 4))
+        A[2, 2], A[3, 3] = 1.0 / covariance[i, 4, 4], 1.0 / covariance[i, 5, 5]
+        n = 0
+        for c in range(C):
+            lens = views.lens[c]
+            if box_and_slope(lens, mean[i], 0.0, box, slope) < 0.0:
+                continue
+            if lens[MODEL] == GROUND_PLANE:
+                # Positions have no bias of this kind
+                if lens[0] < mean[i, 0] < lens[2] and lens[1] < mean[i, 1] < lens[3]:
+                    share[i] = 0.0
+                continue
+            u, v = 0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3])
+            away = math.hypot(mean[i, 0] - lens[0], mean[i, 1] - lens[1])
+            if u < 0.0 or v < 0.0 or u > views.size[c, 0] or v > views.size[c, 1] or away > views.range[c]:
+                continue
+            n += 1
+            for axis in range(2):
+                middle, size = axis_noise(rates, axis, box[2] - box[0], box[3] - box[1], 1.0)
+                for p in range(4):
+                    at_p = p if p < 2 else p + 2
+                    mid_p = 0.5 * (slope[axis, at_p] + slope[axis + 2, at_p])
+                    size_p = slope[axis + 2, at_p] - slope[axis, at_p]
+                    if axis == 1:
+                        b[c, p] += mid_p / middle * (box[3] - box[1])
+                    for q in range(4):
+                        at_q = q if q < 2 else q + 2
+                        A[p, q] += mid_p / middle * 0.5 * (slope[axis, at_q] + slope[axis + 2, at_q])
+                        A[p, q] += size_p / size * (slope[axis + 2, at_q] - slope[axis, at_q])
+        if n == 0 or share[i] == 0.0 or math.isnan(invert(A, inverse)):
+            continue
+        total = 0.0
+        for c in range(C):
+            own = inverse @ b[c]
+            shift[i, 0] += own[0]
+            shift[i, 1] += own[1]
+            total += math.hypot(own[0], own[1])
+        if total > 0.0:
+            share[i] = math.hypot(shift[i, 0], shift[i, 1]) / total
+    return shift, share

@@ -1,0 +1,115 @@
+"""Errors of the cameras' orientations, from boxes of the same people in several cameras."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from ..body_box import GROUND_PLANE, MODEL, PackedCameras, box_and_slope
+from ..detections import DetectorModel, PackedDetections, axis_noise
+
+MAX_RESIDUAL = 0.4
+"""Boxes farther than this off, in heights, are of another person."""
+ANGLES = 2
+"""Angles of a camera: about the vertical, and about its horizontal axis."""
+STATES = 3
+"""Position on the ground and height of a person, which are eliminated."""
+
+
+@kernel
+def pose_residuals(
+    mean: Floats,
+    covariance: Floats,
+    views: PackedCameras,
+    boxes: PackedDetections,
+    rates: DetectorModel,
+    owner: Ints,
+    good: Bools,
+) -> Floats:
+    """Normal equations of camera rotations from the boxes of one time step.
+
+    The centre of a box depends on position and height of the person and on two angles of the camera. Positions are
+    eliminated without a prior, heights with that of the track; people seen by a single camera contribute nothing.
+
+    Args:
+        mean: (P, 6) people.
+        covariance: (P, 6, 6).
+        views: C cameras and sources of positions.
+        boxes: M boxes of the time step.
+        rates: of the detectors.
+        owner: (M,) person of a box, or -1.
+        good: (M,) boxes that are surely theirs.
+
+    Returns:
+        (2 C, 2 C + 1) N and b of N angles = b [rad].
+    """
+    angles, M = ANGLES * views.lens.shape[0], boxes.box.shape[0]
+    out = np.zeros((angles, angles + 1))
+    frame = np.zeros(M, dtype=np.int64)
+    for k in range(boxes.camera.shape[0]):
+        frame[boxes.first[k] : boxes.first[k + 1]] = k
+    for i in range(mean.shape[0]):
+        # Columns: position and height of the person, angles, residual; two rows a box
+        rows, n = np.zeros((2 * M, STATES + angles + 1)), 0
+        for j in range(M):
+            if owner[j] == i and good[j]:
+                c, delay = boxes.camera[frame[j]], boxes.delay[frame[j]]
+                n += centre_rows(mean[i], c, views.lens[c], delay, boxes.box[j], rates, rows[n : n + 2])
+        if n < 4:
+            continue
+        normal = rows[:n].T @ rows[:n]
+        normal[2, 2] += 1.0 / covariance[i, 4, 4]
+        inverse = np.linalg.inv(normal[:STATES, :STATES])
+        if math.isfinite(inverse[0, 0]):
+            cross = np.ascontiguousarray(normal[:STATES, STATES:])
+            out += (normal[STATES:, STATES:] - (cross.T @ inverse) @ cross)[:-1]
+    return out
+
+
+@kernel
+def centre_rows(
+    state: Floats, camera: int, lens: Floats, delay: float, box: Floats, rates: DetectorModel, out: Floats
+) -> int:
+    """Fill the two rows of a box: Jacobian and residual of its centre, divided by the standard deviation.
+
+    Args:
+        state: (6,) person.
+        camera: index of the camera.
+        lens: row of the packed camera.
+        delay: of the frame after the state [s].
+        box: (4,) corners [px].
+        rates: of the detectors.
+        out: (2, 3 + 2 C + 1) zeros; filled.
+
+    Returns:
+        Number of rows: 2, or 0 of a box that is out of sight or too far off.
+    """
+    expected, slope = np.empty(4), np.zeros((4, 6))
+    if lens[MODEL] == GROUND_PLANE or box_and_slope(lens, state, delay, expected, slope) < 0.0:
+        return 0
+    width, height = expected[2] - expected[0], expected[3] - expected[1]
+    residual = 0.5 * (box[:2] + box[2:] - expected[:2] - expected[2:])
+    if np.abs(residual).max() > MAX_RESIDUAL * height:
+        return 0
+    # The centre of the body in the camera's frame, and its derivatives by rotations about the vertical and about x
+    x, y = state[0] + delay * state[2] - lens[0], state[1] + delay * state[3] - lens[1]
+    z = 0.5 * state[4] - lens[2]
+    q = lens[3:6] * x + lens[6:9] * y + lens[9:12] * z
+    up = lens[9:12]
+    turns = (
+        (up[2] * q[1] - up[1] * q[2], up[0] * q[2] - up[2] * q[0], up[1] * q[0] - up[0] * q[1]),
+        (0.0, q[2], -q[1]),
+    )
+    for axis in range(2):
+        weight = math.sqrt(1.0 / axis_noise(rates, axis, width, height, 1.0)[0])
+        for k, column in enumerate((0, 1, 4)):
+            out[axis, k] = weight * 0.5 * (slope[axis, column] + slope[axis + 2, column])
+        for angle, dq in enumerate(turns):
+            d = lens[12 + axis] * (dq[axis] - q[axis] * dq[2] / q[2]) / q[2]
+            out[axis, STATES + ANGLES * camera + angle] = weight * d
+        out[axis, -1] = weight * residual[axis]
+    return 2

@@ -1,0 +1,1 @@
+"""Errors of boxes and positions that last, learned from innovations: of bodies, poses, clocks and sources."""

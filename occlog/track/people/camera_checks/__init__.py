@@ -1,0 +1,1 @@
+"""Whether the boxes of cameras agree: detection rates, clocks, calibrations and files."""

@@ -1,0 +1,630 @@
+"""Search for mistakes of a set-up that explain boxes that do not fit.
+
+Wrong extrinsics, clocks or image sizes, or exchanged files. Each camera locates people by itself; they are projected
+into the other cameras (`pair_overlap`) with the calibration as given, and with each usual mistake undone. The mistake
+is reported for which most projections overlap a box.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import chain, product
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.core.geometry.camera import array_rotation
+from occlog.records.scene import Camera
+
+from ..frame_detections import FrameDetectionsWithIds
+from .pair_errors import (
+    FOCAL,
+    HEIGHT,
+    LATE,
+    RADIAL,
+    YAW,
+    CameraError,
+    camera_errors,
+    fit_pairs,
+    lens_matters,
+    lens_offset,
+    rotation,
+    without_radial_error,
+)
+from .pair_overlap import (
+    BoxesOfCamera,
+    Overlap,
+    clearly_larger,
+    in_image,
+    located,
+    overlap,
+    overlaps,
+    paired_rows,
+    person_heights,
+    projected_people,
+)
+
+MAX_STEPS = 240
+"""Time steps that are kept; beyond that every second one is dropped."""
+MAX_BOXES = 1000
+"""Boxes of all cameras, about, that are compared: of fewer time steps in crowds."""
+MAX_BOXES_OF_PAIRS = 2000
+"""Boxes of all cameras, about, from which errors are estimated by pairs of cameras."""
+MIN_EXPECTED = 40
+"""People expected in the images of others, at least, of a camera that is judged."""
+LOW_SHARE, LOW = 0.8, 0.6
+"""Where something is wrong, a camera is examined if its agreement is below this share of that of the best camera, or
+below this value; sound cameras have 0.6 to 0.85."""
+MIN_FIT, MIN_MORE = 0.3, 0.2
+"""Least agreement with a mistake mended, and how much more that is than without: shares beyond those by chance."""
+MIN_PAIRED = 0.45
+"""Least agreement of cameras that are compared by pairs of boxes: in dense crowds many boxes fit another person."""
+SIMPLER = 0.01
+"""Mean overlap by which a mistake must be better than one that is tried before it."""
+FLIPS = {"mirrored": (True, False), "turned by 180 degrees": (True, True), "upside down": (False, True)}
+"""Mistakes with images: whether x and y are flipped."""
+INVERTED = "inverted (camera-to-world for world-to-camera)"
+SCALES = (0.5, 2.0, 2.0 / 3.0, 1.5, 0.75, 4.0 / 3.0, 1.0 / 3.0, 3.0, 0.25, 4.0)
+"""Factors between sizes of images."""
+TURNS_DEG = (180.0, 90.0, -90.0)
+"""Mistakes with the yaw of a camera."""
+LATE_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
+"""Delays that are tried, rounded to time steps."""
+MAX_TURN, TURN_CELL, MIN_TURN = np.radians(9.0), np.radians(1.0), np.radians(1.0)
+"""Largest rotation of a camera that is searched for, size of the cells of the search, and smallest that is stated."""
+REFINEMENTS = 5
+"""Medians of the differences within a cell about the one before."""
+WINDOW_S, MIN_WINDOWS, MAX_WINDOWS = 1.5, 6, 24
+"""Duration of the parts of a recording that are compared, and their number."""
+MIN_FOCAL, MIN_RAISED, MIN_ROTATION, MIN_LATE_S = 0.02, 0.06, math.radians(0.4), 0.03
+"""Least errors of calibrations that are stated: share of the focal length, height of a camera in heights of people,
+rotation [rad], and delay [s]."""
+MIN_GAP_S, MIN_GAP_FRAMES = 2.0, 10.0
+"""Shortest time without a box that is stated, also in intervals between frames with boxes."""
+MIN_IN_WINDOW, BAD_SHARE = 12, 0.55
+"""People expected in a part that is judged, and share of the usual agreement below which it is bad."""
+
+
+class FittingChange(NamedTuple):
+    """A correction of cameras after which their boxes overlap the people that the other cameras locate.
+
+    Attributes:
+        cameras: that are changed.
+        words: the mistake.
+        fit: share of people expected in an image who then have a box there.
+        now: that share as cameras are.
+    """
+
+    cameras: tuple[int, ...]
+    words: str
+    fit: float
+    now: float
+
+
+class Gap(NamedTuple):
+    """An interval in which a camera has no box, although other cameras detect people in its view.
+
+    Attributes:
+        camera: its number.
+        begin_s, end_s: after the first time step [s].
+        people: number of detections of another camera in its view.
+        share: of the recording.
+    """
+
+    camera: int
+    begin_s: float
+    end_s: float
+    people: int
+    share: float
+
+
+class _Change(NamedTuple):
+    """A candidate correction: its description, and the changed cameras and boxes."""
+
+    words: str
+    views: Mapping[int, BoxesOfCamera]
+
+
+class CameraFaults:
+    """Keeps a sample of the boxes of a recording, and searches it for mistakes of the set-up."""
+
+    def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
+        """Start without boxes; `person_height` in the scene's unit."""
+        self._cameras, self._height = list(cameras), person_height
+        self._samples: list[tuple[int, dict[int, Floats]]] = []
+        self._step = self._count = 0
+        self._last: tuple[int, _Search] | None = None
+
+    def add(self, t_ns: int, frames: Sequence[FrameDetectionsWithIds]) -> None:
+        """Add the boxes of one time step.
+
+        An evenly spaced subset of at most `MAX_STEPS` time steps is kept.
+        """
+        self._count += 1
+        if self._count % (1 << self._step):
+            return
+        boxes = {each.detections.camera: each.detections.boxes for each in frames if len(each.detections.boxes)}
+        self._samples.append((t_ns, boxes))
+        if len(self._samples) > MAX_STEPS:
+            self._samples, self._step = self._samples[1::2], self._step + 1
+
+    def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
+        """Corrections of the set-up that make cameras agree, the most significant first.
+
+        Args:
+            unit: of lengths, for the words.
+            doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
+        """
+        return self._search.found(unit, doubtful=doubtful) if self._compared else []
+
+    def errors(self, unit: str) -> list[tuple[tuple[int, ...], str]]:
+        """Small calibration errors: (indices of the cameras, description).
+
+        They are too small to change the overlap of boxes much. Lasting rotations are omitted, since the filter corrects
+        them.
+
+        Args:
+            unit: of lengths, for the words.
+        """
+        if not self._compared:
+            return []
+        out: list[tuple[tuple[int, ...], str]] = []
+        for each in self._search.errors:
+            # The filter states and corrects rotations that last; what remains with them may be their consequence
+            if each.kind == YAW and not (each.since or each.until):
+                break
+            either = [each, *([each.rival] if each.rival is not None else [])]
+            cameras = dict.fromkeys(c for error in either for c in error.cameras)
+            out.append((tuple(cameras), ", or ".join(self._search.words(error, unit) for error in either)))
+        return out
+
+    def heights(self) -> Floats:
+        """(C,) median height of people by the boxes of each camera that were kept; NaN: too few boxes."""
+        boxes = (_of_camera(c, camera, self._samples).boxes for c, camera in enumerate(self._cameras))
+        return person_heights([*boxes], self._cameras)
+
+    def gaps(self) -> list[Gap]:
+        """The longest interval without boxes of each camera that has one."""
+        return self._search.gaps() if self._compared else []
+
+    @property
+    def _compared(self) -> bool:
+        return len(self._cameras) > 1 and len(self._samples) > 1
+
+    @property
+    def _search(self) -> _Search:
+        """Search over the time steps kept so far."""
+        if self._last is None or self._last[0] != self._count:
+            self._last = self._count, _Search(self._cameras, self._samples, self._height)
+        return self._last[1]
+
+
+class _Search:
+    """Search for mistakes of cameras over a set of time steps."""
+
+    def __init__(
+        self, cameras: Sequence[Camera], samples: Sequence[tuple[int, dict[int, Floats]]], person_height: float
+    ) -> None:
+        count = sum(len(each) for _, boxes in samples for each in boxes.values())
+        self.t_ns: Ints = np.array([t for t, _ in samples], dtype=np.int64)
+        self.height = person_height
+        self.views = [_of_camera(c, camera, samples) for c, camera in enumerate(cameras)]
+        # Time steps that are compared, while boxes keep all of them: delays are searched for in small steps
+        self.every = max(1, round(count / MAX_BOXES))
+
+    def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
+        """Mistakes that last for the whole recording; if there is none, those of a part of it; `unit` of lengths."""
+        trusted = list(range(len(self.views)))
+        agreement = self._agreement(trusted)
+        limit = max(LOW_SHARE * max(agreement), LOW) if doubtful else MIN_FIT
+        low = sorted((c for c, own in enumerate(agreement) if own < limit), key=agreement.__getitem__)
+        if not (doubtful or max(agreement) >= LOW or any(math.isfinite(agreement[c]) for c in low)):
+            low = []  # views hardly overlap
+        if max(agreement) < LOW and low and (whole := self._best(self._of_all(unit))) is not None:
+            return [whole]
+        out: list[FittingChange] = []
+        while low and len(trusted) > 1:
+            # Of two cameras that do not agree either may be wrong
+            tried = low if len(trusted) == 2 else low[:1]
+            corrections = [
+                each for c in tried for each in self._corrections(c, unit) if set(each.views) <= set(trusted)
+            ]
+            # Least squares tell rotations from other small errors; the search for them does not
+            searched = self._best(iter(corrections), trusted) is None
+            changes = (self._changes(c, trusted, rotations=searched) for c in tried)
+            best = self._best(chain(corrections, *changes), trusted)
+            if best is not None:
+                out.append(best)
+                trusted = [c for c in trusted if c not in best.cameras]
+                agreement = self._agreement(trusted)
+            low = [c for c in low if c not in tried and c in trusted and agreement[c] < limit]
+        return out or self._for_a_while()
+
+    @cached_property
+    def errors(self) -> list[CameraError]:
+        """Errors of the calibrations of cameras by least squares over pairs of cameras (`pair_errors`)."""
+        return self._errors_of(self._fitting)
+
+    @cached_property
+    def _fitting(self) -> tuple[int, ...]:
+        """Indices of the cameras with an agreement of `MIN_PAIRED`; boxes of other cameras are paired by chance."""
+        return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_PAIRED)
+
+    def _errors_of(self, cameras: tuple[int, ...]) -> list[CameraError]:
+        """Calibration errors of the cameras with these indices, by least squares over their pairs."""
+        if len(cameras) < 2:
+            return []
+        views = [self.views[c] for c in cameras]
+        every = max(1, round(sum(len(view.boxes) for view in views) / MAX_BOXES_OF_PAIRS))
+        normal = fit_pairs(views, self.t_ns, self.height, every)
+
+        def named(error: CameraError) -> CameraError:
+            rival = named(error.rival) if error.rival is not None else None
+            return error._replace(cameras=tuple(cameras[c] for c in error.cameras), rival=rival)
+
+        out: list[CameraError] = []
+        people = max(float(np.median(np.bincount(view.steps)[np.unique(view.steps)])) for view in views)
+        for each in camera_errors(normal, people, lambda error: self._matters(named(error))):
+            if each.since:
+                # Boxes are paired better with one orientation of each camera; either part may be as calibrated
+                ends = (0, each.since - 1), (each.since, len(self.t_ns))
+                parts = ([view.during(*end) for view in views] for end in ends)
+                c = each.cameras[0]
+                before, after = (rotation(fit_pairs(part, self.t_ns, self.height, every), c) for part in parts)
+                if np.linalg.norm(after) >= np.linalg.norm(before):
+                    each = each._replace(values=after[None])
+                else:
+                    each = each._replace(values=before[None], since=0, until=each.since)
+            out.append(named(each))
+        return out
+
+    def _matters(self, error: CameraError) -> bool:
+        """Whether a camera error exceeds the threshold of its kind from which it is reported."""
+        if error.kind == RADIAL:
+            pairs = zip(error.cameras, error.values[:, 0].tolist(), strict=True)
+            return any(lens_matters(self.views[c], k) for c, k in pairs)
+        least = {YAW: MIN_ROTATION, FOCAL: MIN_FOCAL, HEIGHT: MIN_RAISED, LATE: MIN_LATE_S}[error.kind]
+        return float(np.linalg.norm(error.values, axis=1).max()) >= least
+
+    def _corrections(self, c: int, unit: str) -> Iterator[_Change]:
+        """Candidate corrections of lasting errors that concern camera `c`; all lenses are corrected at once."""
+        cameras = tuple(sorted({c, *self._fitting}))
+        errors = self.errors if cameras == self._fitting else self._errors_of(cameras)
+        errors = [each for each in errors if each.kind != LATE and not (each.since or each.until)]
+        lenses = [each for each in errors if each.kind == RADIAL]
+        for group in (lenses, *([each] for each in errors if each.kind != RADIAL)):
+            if any(c in each.cameras for each in group):
+                words = " and ".join(self.words(each, unit) for each in group)
+                pairs = [pair for each in group for pair in zip(each.cameras, each.values, strict=True)]
+                yield _Change(words, {k: self._corrected(k, group[0].kind, values) for k, values in pairs})
+
+    def _corrected(self, c: int, kind: int, values: Floats) -> BoxesOfCamera:
+        """Camera `c` with an error of this kind removed; `values` (1 or 2,) as in `CameraError`."""
+        view, value = self.views[c], float(values[0])
+        if kind == RADIAL:
+            return without_radial_error(view, value)
+        camera = view.camera
+        if kind == YAW:
+            return _rotated(view, -values)
+        if kind == FOCAL:
+            return view._replace(camera=replace(camera, focal_px=camera.focal_px / (1.0 + value)))
+        raised = np.array([0.0, 0.0, value * self.height])
+        return view._replace(camera=replace(camera, position=camera.position + raised))
+
+    def words(self, error: CameraError, unit: str) -> str:
+        """Description of a camera error for a message; `unit` of lengths."""
+        c, value = error.cameras[0], float(error.values[0, 0])
+        name = self.views[c].camera.name
+        if error.kind == RADIAL:
+            pairs = list(zip(error.cameras, error.values[:, 0].tolist(), strict=True))
+            px = [lens_offset(self.views[c], k) for c, k in pairs]
+            size = f"{px[0]:+.0f} px" if len(px) == 1 else f"{min(px):+.0f} to {max(px):+.0f} px"
+            owner = name if len(px) == 1 else "all cameras"
+            return f"the lens of {owner} is off by {size} at the border (missing, or of another model)"
+        if error.kind == FOCAL:
+            return f"the focal length of {name} is {abs(value):.1%} too {'long' if value > 0.0 else 'short'}"
+        if error.kind == HEIGHT:
+            side = "above" if value > 0.0 else "below"
+            return f"{name} is {abs(value) * self.height:.2g} {unit} {side} its stated height"
+        if error.kind == LATE:
+            return f"the clock of {name} is {abs(value):.2g} s {'late' if value > 0.0 else 'early'}"
+        begin_s, end_s = (float(self.t_ns[k] - self.t_ns[0]) / NS for k in (error.since, error.until))
+        when = f"from {begin_s:.1f} s on" if error.since else f"until {end_s:.1f} s" if error.until else ""
+        return f"{_rotation_words(self.views[c], -error.values[0])} {when}".rstrip()
+
+    def _agreement(self, trusted: Sequence[int]) -> list[float]:
+        """(C list) excess overlap (`Overlap.excess`, at most 1) of each camera with the trusted cameras.
+
+        -inf if too few people are expected.
+        """
+        found = self._own
+        if len(trusted) < len(self.views):
+            found = [self._overlap({c: view}, trusted) for c, view in enumerate(self.views)]
+        return [each.excess if len(each.met) >= MIN_EXPECTED else -math.inf for each in found]
+
+    @cached_property
+    def _own(self) -> list[Overlap]:
+        """Overlaps of each camera with all others, with the set-up as given."""
+        return overlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
+
+    def gaps(self) -> list[Gap]:
+        """The longest interval without boxes of each camera that otherwise detects most people in its view."""
+        at_s = (self.t_ns - self.t_ns[0]) / NS
+        out: list[Gap] = []
+        for c, (view, found) in enumerate(zip(self.views, self._own, strict=True)):
+            own = np.unique(view.steps)
+            if len(own) < 2 or len(found.met) < MIN_EXPECTED or found.excess < MIN_FIT:
+                continue
+            spacing_s = float(np.median(np.diff(at_s[own])))
+            ends = np.concatenate([[-1], own, [len(at_s)]])
+            k = int(np.argmax(np.diff(ends)))
+            first, last = int(ends[k]) + 1, int(ends[k + 1]) - 1
+            if last < first or at_s[last] - at_s[first] < max(MIN_GAP_S, MIN_GAP_FRAMES * spacing_s):
+                continue
+            people = self._seen_by_others(c, first, last)
+            if people >= MIN_EXPECTED:
+                begin_s, end_s = float(at_s[first]), float(at_s[last])
+                out.append(Gap(c, begin_s, end_s, people, (end_s - begin_s) / float(at_s[-1])))
+        return out
+
+    def _seen_by_others(self, c: int, first: int, last: int) -> int:
+        """Number of people that another camera locates in the view of camera `c` during the time steps first to last.
+
+        It is the maximum over the other cameras.
+        """
+        count = 0
+        for o, other in enumerate(self.views):
+            if o != c:
+                people = located(other.during(first, last), self.height)
+                boxes = projected_people(self.views[c].camera, people[np.isfinite(people).all(axis=1)])
+                inside = in_image(boxes, self.views[c].size)
+                count = max(count, int(np.count_nonzero(inside)))
+        return count
+
+    def _for_a_while(self) -> list[FittingChange]:
+        """Mistakes that apply to a part of the recording only, with the best correction of that part."""
+        span_s = float(self.t_ns[-1] - self.t_ns[0]) / NS
+        count = int(min(max(span_s / WINDOW_S, MIN_WINDOWS), MAX_WINDOWS))
+        steps = len(self.t_ns)
+        window = np.minimum(np.arange(steps) * count // steps, count - 1)
+        shares = np.array([_by_window(each, window, count) for each in self._own])
+        parts = [(c, part) for c, own in enumerate(shares) if (part := _worst_part(own)) is not None]
+        out: list[FittingChange] = []
+        for c, (first, last) in sorted(parts, key=lambda each: float(np.nanmean(shares[each[0], slice(*each[1])]))):
+            if any(c in each.cameras for each in out):
+                continue
+            low, high = (int(np.flatnonzero(window == w)[k]) for w, k in ((first, 0), (last - 1, -1)))
+            trusted = [o for o in range(len(self.views)) if not any(o in each.cameras for each in out)]
+            within = self._during(low, high)
+            # Of two cameras that do not agree either may be wrong
+            tried = trusted if len(trusted) == 2 else [c]
+            changes = (change for k in tried for change in within._changes(k, trusted, for_a_while=True))
+            best = within._best(changes, trusted)
+            if best is not None:
+                begin, end = ((int(self.t_ns[k]) - int(self.t_ns[0])) / NS for k in (low, high))
+                out.append(best._replace(words=f"{best.words} from {begin:.1f} to {end:.1f} s"))
+        return out
+
+    def _during(self, low: int, high: int) -> _Search:
+        """The same search restricted to the time steps low to high."""
+        other = _Search.__new__(_Search)
+        other.t_ns, other.height, other.every = self.t_ns, self.height, 1
+        other.views = [view.during(low, high) for view in self.views]
+        return other
+
+    def _overlap(self, changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None) -> Overlap:
+        """Overlaps of changed cameras with the cameras `of`, over the subset of time steps that is compared."""
+        thin = [view.every(self.every) for view in self.views]
+        changes = {c: view.every(self.every) for c, view in changed.items()}
+        return overlap(thin, changes, len(self.t_ns), self.height, of)
+
+    def _best(self, changes: Iterator[_Change], trusted: Sequence[int] | None = None) -> FittingChange | None:
+        """The correction with the largest mean overlap of boxes.
+
+        None if no correction is clearly better than the set-up as given.
+        """
+        best, mean = None, -1.0
+        before: dict[tuple[int, ...], Overlap] = {}
+        for change in changes:
+            own = tuple(change.views)
+            if own not in before:
+                before[own] = self._overlap({c: self.views[c] for c in own}, trusted)
+            now, after = before[own], self._overlap(change.views, trusted)
+            gained = not len(now.met) or after.excess - now.excess >= MIN_MORE or clearly_larger(after, now)
+            if len(after.met) >= MIN_EXPECTED and gained and after.excess >= MIN_FIT and after.mean > mean + SIMPLER:
+                share = now.share if len(now.met) else 0.0
+                best, mean = FittingChange(own, change.words, after.share, share), after.mean
+        return best
+
+    def _of_all(self, unit: str) -> Iterator[_Change]:
+        """Candidate corrections that concern all cameras at once; `unit` of lengths."""
+        yield from (each for each in self._corrections(0, unit) if len(each.views) > 1)
+        yield _Change(f"extrinsics of all cameras are {INVERTED}", {c: _inverted(v) for c, v in enumerate(self.views)})
+        for scale in SCALES:
+            scaled = {c: _scaled(view, scale) for c, view in enumerate(self.views)}
+            yield _Change(f"boxes of all cameras are {_multiplied(scale)}", scaled)
+        forms = [_other_forms(view) for view in self.views]
+        for each in zip(*forms, strict=True):
+            views = {c: self.views[c]._replace(boxes=boxes) for c, (_, boxes) in enumerate(each)}
+            yield _Change(f"boxes of all cameras are {each[0][0]}", views)
+
+    def _changes(
+        self, c: int, trusted: Sequence[int], *, for_a_while: bool = False, rotations: bool = True
+    ) -> Iterator[_Change]:
+        """Candidate corrections of camera `c`, the simplest first.
+
+        `for_a_while` restricts them to faults that can begin and end during a recording; `rotations`: search for small
+        rotations, too.
+        """
+        own, name = self.views[c], self.views[c].camera.name
+        for o in trusted:
+            if o != c:
+                other = self.views[o]
+                views = {c: own.with_boxes_of(other), o: other.with_boxes_of(own)}
+                yield _Change(f"boxes of {name} and {other.camera.name} are exchanged", views)
+        if not for_a_while:
+            yield _Change(f"extrinsics of {name} are {INVERTED}", {c: _inverted(own)})
+            for turn in TURNS_DEG:
+                rotation = array_rotation(math.radians(turn), 0.0, 0.0) @ own.camera.rotation
+                turned = own._replace(camera=replace(own.camera, rotation=rotation))
+                yield _Change(f"{name} is turned by {turn:.0f} degrees about the vertical", {c: turned})
+            for words, axes in FLIPS.items():
+                yield _Change(f"images of {name} are {words}", {c: _flipped(own, axes)})
+            for scale in SCALES:
+                yield _Change(f"boxes of {name} are {_multiplied(scale)}", {c: _scaled(own, scale)})
+            for words, boxes in _other_forms(own):
+                yield _Change(f"boxes of {name} are {words}", {c: own._replace(boxes=boxes)})
+            yield from self._late(c)
+        if rotations:
+            yield from self._turned(c, trusted)
+
+    def _late(self, c: int) -> Iterator[_Change]:
+        """Candidate corrections of the clock of camera `c`: boxes shifted later and earlier by the delays `LATE_S`."""
+        step_s = max(float(np.median(np.diff(self.t_ns))) / NS, 1e-9)
+        own, last = self.views[c], len(self.t_ns) - 1
+        for k in dict.fromkeys(max(round(late_s / step_s), 1) for late_s in LATE_S if late_s > 0.5 * step_s):
+            for sign, words in ((-1, "late"), (1, "early")):
+                steps = own.steps + sign * k
+                there = (steps >= 0) & (steps <= last)
+                moved = BoxesOfCamera(own.camera, own.boxes[there], steps[there])
+                yield _Change(f"the clock of {own.camera.name} is {k * step_s:.2g} s {words}", {c: moved})
+
+    def _turned(self, c: int, trusted: Sequence[int]) -> Iterator[_Change]:
+        """The rotation of camera `c` that aligns its boxes with people located by trusted cameras (Hough transform)."""
+        own = self.views[c]
+        apart = [np.zeros((0, 2))]
+        for o in trusted:
+            if o != c:
+                people = located(self.views[o], self.height)
+                known = np.flatnonzero(np.isfinite(people).all(axis=1))
+                there = projected_people(own.camera, people[known])
+                apart.append(_differences(own, there, self.views[o].steps[known]) / own.camera.focal_px)
+        angles = np.concatenate(apart)
+        angles = angles[(np.abs(angles) < MAX_TURN).all(axis=1)]
+        if len(angles) < MIN_EXPECTED:
+            return
+        best, near = 0, angles
+        for x, y in product(np.arange(-MAX_TURN, MAX_TURN, TURN_CELL / 2), repeat=2):
+            inside = (np.abs(angles - [x, y]) < TURN_CELL / 2).all(axis=1)
+            if np.count_nonzero(inside) > best:
+                best, near = int(np.count_nonzero(inside)), angles[inside]
+        for _ in range(REFINEMENTS):
+            near = angles[np.linalg.norm(angles - np.median(near, axis=0), axis=1) < TURN_CELL]
+        yaw, pitch = np.median(near, axis=0)
+        if np.hypot(yaw, pitch) < MIN_TURN:
+            return
+        angles = np.array([yaw, pitch])
+        yield _Change(_rotation_words(own, angles), {c: _rotated(own, angles)})
+
+
+def _rotation_words(view: BoxesOfCamera, angles: Floats) -> str:
+    """Description of a rotation of a camera by yaw and pitch (2,) [rad] for a message."""
+    yaw_deg, pitch_deg = np.degrees(angles)
+    return f"{view.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
+
+
+def _rotated(view: BoxesOfCamera, angles: Floats) -> BoxesOfCamera:
+    """Rotate the camera by yaw and pitch (2,) [rad] about its own axes."""
+    camera = view.camera
+    return view._replace(camera=replace(camera, principal_px=camera.principal_px + angles * camera.focal_px))
+
+
+def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:
+    """The boxes of camera `c` from time steps (t_ns, boxes by camera), with the index of the time step of each box."""
+    parts = [(step, boxes[c]) for step, (_, boxes) in enumerate(samples) if c in boxes]
+    steps = np.concatenate(
+        [np.full(len(boxes), step, dtype=np.int64) for step, boxes in parts] or [np.zeros(0, np.int64)]
+    )
+    return BoxesOfCamera(camera, np.concatenate([boxes for _, boxes in parts] or [np.zeros((0, 4))]), steps)
+
+
+def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
+    """(W,) excess overlap in each of W = `count` intervals; `window` is the interval of each time step.
+
+    NaN if too few people are expected.
+    """
+    own = window[found.steps]
+    out = np.full(count, np.nan)
+    for w in range(count):
+        inside = own == w
+        if np.count_nonzero(inside) >= MIN_IN_WINDOW:
+            out[w] = Overlap(found.steps[inside], found.met[inside], found.chance[inside]).excess
+    return out
+
+
+def _worst_part(shares: Floats) -> tuple[int, int] | None:
+    """Longest run of two or more intervals with an agreement far below the usual, as (first, end).
+
+    None if there is no such run, or if the usual agreement is too low for a comparison.
+    """
+    known = shares[np.isfinite(shares)]
+    if len(known) < MIN_WINDOWS - 2:
+        return None
+    usual = float(np.quantile(known, 0.8))
+    bad = shares < BAD_SHARE * usual
+    if usual < MIN_FIT or not bad.any():
+        return None
+    runs: list[tuple[int, int]] = []
+    begin = None
+    for w, each in enumerate([*(bad | ~np.isfinite(shares)), False]):
+        if each and begin is None:
+            begin = w
+        elif not each and begin is not None:
+            if np.count_nonzero(bad[begin:w]) > 1:
+                runs.append((begin, w))
+            begin = None
+    return max(runs, key=lambda run: run[1] - run[0]) if runs else None
+
+
+def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
+    """The camera with the inverse extrinsics, as if R and T had been given in the other direction."""
+    own = view.camera
+    return view._replace(camera=replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position))
+
+
+def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
+    """Candidate box formats that were misread.
+
+    Description, and the edges (n, 4) [px] of the boxes read in that format.
+    """
+    boxes = view.boxes
+    near, far = boxes[:, :2], boxes[:, 2:]
+    middle, size = 0.5 * (near + far), far - near
+    yield "left, top, right, bottom (xyxy), read as left, top, width, height", np.hstack([near, size])
+    yield "centres and sizes, read as left, top, width, height", boxes - np.tile(0.5 * size, 2)
+    yield "left, top, right, bottom (xyxy), read as centres and sizes", np.hstack([middle, size])
+    yield "left, top, width, height, read as centres and sizes", boxes + np.tile(0.5 * size, 2)
+    side = view.size.max()
+    yield (
+        "shares of square images with bars (letterbox)",
+        boxes * np.tile(side / view.size, 2) - np.tile(0.5 * (side - view.size), 2),
+    )
+
+
+def _multiplied(scale: float) -> str:
+    return f"multiplied by {scale:.3g} (images of another size)"
+
+
+def _scaled(view: BoxesOfCamera, scale: float) -> BoxesOfCamera:
+    return view._replace(boxes=view.boxes * scale)
+
+
+def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
+    """The camera with boxes as in images flipped along the `axes` (x, y) that are True."""
+    out, size = view.boxes.copy(), view.size
+    for axis, flipped in enumerate(axes):
+        if flipped:
+            out[:, axis], out[:, axis + 2] = size[axis] - view.boxes[:, axis + 2], size[axis] - view.boxes[:, axis]
+    return view._replace(boxes=out)
+
+
+def _differences(view: BoxesOfCamera, expected: Floats, steps: Ints) -> Floats:
+    """(n, 2) offsets [px] of box centres from centres of expected boxes (m, 4), for pairs of the same time step."""
+    whom, box = paired_rows(steps, view.steps)
+    middles = [0.5 * (each[:, :2] + each[:, 2:]) for each in (view.boxes[box], expected[whom])]
+    apart = middles[0] - middles[1]
+    return np.asarray(apart[np.isfinite(apart).all(axis=1)])
