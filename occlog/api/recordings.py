@@ -340,7 +340,9 @@ def in_memory(name: str) -> Iterator[None]:
         yield
     except (pa.ArrowException, TypeError, ValueError, KeyError) as error:
         raise InputError(
-            f"{name}: cannot be read as a table ({' '.join(str(error).split())[:160]})", id="wrong-content"
+            f"{name}: this value makes no table ({' '.join(str(error).split())[:160]}); give a DataFrame, a pyarrow "
+            "table, or columns of equal length and one type each",
+            id="wrong-content",
         ) from error
 
 

@@ -47,7 +47,11 @@ scene_opt = click.option("--scene", type=INPUT, default=None, help=SCENE_HELP)
 STRICT_HELP = "Exit with code 6 if a consistency check fails. Outputs are written anyway."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
 quiet_opt = click.option(
-    "-q", "--quiet", is_flag=True, callback=remember_quiet, help="No progress bars and notes on standard error."
+    "-q",
+    "--quiet",
+    is_flag=True,
+    callback=remember_quiet,
+    help="No progress bars, notes and warnings on standard error; outputs hold the findings.",
 )
 workers_opt = click.option(
     "--workers",

@@ -237,7 +237,7 @@ class IngestPlan(Settings):
     )
     mirror: str | None = setting(
         None,
-        "Axis whose sign is changed in the calibration's world and the true positions, to convert a left-handed world, "
+        "Axis that is negated in the calibration's world and the true positions, to convert a left-handed world, "
         "as of Unity and MultiviewX. `up` and `ground` are those of the calibration.",
         choices=("x", "y", "z"),
         option="--mirror",

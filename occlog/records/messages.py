@@ -66,7 +66,7 @@ def listed(names: Sequence[object]) -> str:
 _OPTIONS = _Options()
 E, W, N = Severity.ERROR, Severity.WARNING, Severity.NOTE
 _ROWS = "{count} of {rows} rows (allowed: {allowed:.0%}): "
-_MEET = "{now:.0%} of estimates and targets match within {gate:g} {unit}; with {change} (of the tracks) {met:.0%} would"
+_MEET = "{now:.0%} of estimates and targets match within {gate:g} {unit}; {met:.0%} would with {change} (of the tracks)"
 VERDICT: dict[str, Message] = {
     # Estimates of one target, or of labelled targets
     "no-tracks": Message(
@@ -274,7 +274,7 @@ VERDICT: dict[str, Message] = {
     "axes-differ": Message(W, _MEET, "put the truth into the world of the scene"),
     "boxes-fit-if": Message(
         W,
-        "{now:.0%} of the tracks' boxes overlap a true one; with {change} {fit:.0%} would",
+        "{now:.0%} of the tracks' boxes overlap a true one; {fit:.0%} would with {change}",
         "check frame numbers, image size and columns of both",
     ),
     "covariances-singular": Message(
@@ -286,7 +286,7 @@ VERDICT: dict[str, Message] = {
         W,
         "the covariances are too small for the errors (mean NEES {nees:.3g}, allowed: {allowed:.0f}; {outside:.0%} "
         "outside of 95 %, allowed: {allowed_outside:.0%})",
-        "use more particles or more noise, check the truth",
+        "use more noise, check the truth",
     ),
     "nees-small": Message(
         N,

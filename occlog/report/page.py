@@ -152,7 +152,7 @@ class CheckRow(NamedTuple):
 
 
 def verdict_heading(verdicts: Sequence[Verdict]) -> str:
-    """The verdict in one line."""
+    """Heading of a page: all checks of the estimates passed, one failed (not reliable), or none was made."""
     return {
         True: "All checks of these estimates passed",
         False: "Not reliable as they are",

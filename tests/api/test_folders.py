@@ -47,7 +47,7 @@ def test_no_folder_outlives_its_process(tmp_path: Path) -> None:
     ended = subprocess.run(
         [sys.executable, "-c", CODE], env={**os.environ, "TMPDIR": str(tmp_path)}, capture_output=True, text=True
     )
-    assert "nobody catches this" in ended.stderr
+    assert "no one catches this" in ended.stderr
     found = json.loads(ended.stdout)
     # One folder of the process itself; a child that ends takes its own along, one that is killed leaves it to the next
     assert found == {"alone": 1, "ended": 1, "killed": 2, "next": 1, "mine": True, "gone": True}

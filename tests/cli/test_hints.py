@@ -79,7 +79,7 @@ ELSEWHERE = {
     ("errors.py", "--set"): "commands with settings",
     ("examine/info.py", "--topic"): "goes on the command that is printed before",
     ("examine/recover.py", "--video"): "recover",
-    ("io/formats/calibration/colmap.py", "--output"): "of colmap",
+    ("io/formats/calibration/readers/colmap.py", "--output"): "of colmap",
     ("io/recording/salvage/recover.py", "--scene"): "of later stages",
     ("papers/page_provenance.py", "--exclude"): "of git",
     ("papers/page_provenance.py", "--abbrev"): "of git",

@@ -177,7 +177,7 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("log", "method", "more", "message"),
     [
-        ("tdoa", "fix", [], "want the speed of propagation"),
+        ("tdoa", "fix", [], "require the speed of propagation"),
         (
             "tdoa",
             "fix",

@@ -114,7 +114,7 @@ CASES = [
     Case("yaml unknown tag", text(f"{SCENE}x: !!python/object:os.system 1\n"), SIMULATE, "line 6"),
     Case("json depth", text("[" * 100_000), REPORT, "nested too deeply"),
     Case("json digits", text(f'{{"rmse_m": {"9" * 5000}}}'), REPORT, "cannot be read"),
-    Case("json surrogate", text('{"camera": "\\ud800"}'), REPORT, "half a character"),
+    Case("json surrogate", text('{"camera": "\\ud800"}'), REPORT, "half of a surrogate pair"),
     Case("json list", text("[1]"), REPORT, "expected a JSON object"),
     Case("json not utf-8", lambda p: p.write_bytes(b'{"a": "\xff"}'), REPORT, "not UTF-8"),
     Case("boxes depth", text("[" * 100_000), BOXES, "nested too deeply"),
@@ -333,19 +333,19 @@ LIBRARIES = {
     "import tomllib": {"io/files/texts/documents.py"},
     "import wave": set(),
     "import yaml": {"io/files/texts/yaml.py", "io/formats/scenes/scene.py"} | {"pipeline/start/run.py"},  # which write
-    "import zipfile": {"io/formats/calibration/arrays.py", "pipeline/pack/archive.py"},
+    "import zipfile": {"io/formats/calibration/readers/arrays.py", "pipeline/pack/archive.py"},
     "import tarfile": set(),
     "import zstandard": {f"io/recording/{name}.py" for name in ("chunks", "mcap_errors", "salvage/records")}
     | {"io/messages/bag.py", "io/messages/mcap_file.py"},
-    "from xml": {f"io/formats/calibration/{name}.py" for name in ("qualisys", "tsai")}
+    "from xml": {f"io/formats/calibration/readers/{name}.py" for name in ("qualisys", "tsai")}
     | {"io/files/texts/documents.py", "io/formats/gpx.py", "io/formats/truth.py"}
     | {"io/formats/boxes/annotations.py"},  # the kind of what is read
     "from scipy.io": set(),
     "from google.protobuf": {"io/messages/kinds.py", "io/recording/reader.py", "examine/viewers/series.py"},
-    "np.load(": {"io/formats/calibration/arrays.py"},
+    "np.load(": {"io/formats/calibration/readers/arrays.py"},
     "np.genfromtxt(": set(),
     "np.loadtxt(": set(),
-    "zlib.decompress": {"io/formats/calibration/arrays.py"},
+    "zlib.decompress": {"io/formats/calibration/readers/arrays.py"},
 }
 """What stands in a module that takes foreign bytes apart, and all modules of the program in which it stands."""
 

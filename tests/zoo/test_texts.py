@@ -58,7 +58,7 @@ def form(tag: int = 1, channels: int = 3, rate: int = 8000, bits: int = 16) -> b
 SWEEP = "occlog_sweep: 1\nscene: scene.yaml\nseed: 1\nruns: 1\nsimulate: {steps: 3}\ntrack: {particles: VALUE}\n"
 MCAP = b"\x89MCAP0\r\n"
 KINDS = {
-    "header twice": Kind("boxes", "c.csv", BOXES * 2, "line 2: the header again"),
+    "header twice": Kind("boxes", "c.csv", BOXES * 2, "line 2: a second header line"),
     "open quote": Kind("boxes", "c.csv", BOXES + '0,"1,2,3,4\n', "line 2: 2 cells"),
     "nul": Kind("boxes", "c.csv", BOXES + "0,1,2\0,3,4\n", "line 2: not text"),
     "inf": Kind("boxes", "c.csv", BOXES + "0,inf,2,3,4\n", "a finite number"),

@@ -168,7 +168,7 @@ def _container(data: mmap.mmap, found: _AviScan, stream: _Stream) -> Container:
 
 
 def _is_frame(kind: bytes, tag: bytes) -> bool:
-    """Whether a chunk holds a frame of the stream (rather than a palette change)."""
+    """Whether a chunk `kind` (4 bytes, such as 00dc) holds a frame of stream `tag` (its first 2), not a palette."""
     return kind[:2] == tag and kind[2:] != PALETTE
 
 

@@ -150,12 +150,14 @@ def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple
     size = (wide or (requested or (0, 0))[0], high or (requested or (0, 0))[1])
     if asked is not None and asked != size:
         raise UsageError(
-            f"{file.path}: its images are {size[0]} x {size[1]} px, not {asked[0]} x {asked[1]}; leave the size out",
+            f"{file.path}: the network takes images of {size[0]} x {size[1]} px only, not {asked[0]} x {asked[1]}; "
+            "leave the size out",
             id="not-applicable",
         )
     if not all(1 <= side <= LARGEST_SIDE for side in size):
         raise InputError(
-            f"{file.path}: images of {size[0]} x {size[1]} px; sides of 1 to {LARGEST_SIDE} px are taken",
+            f"{file.path}: the network takes images of {size[0]} x {size[1]} px; sides of 1 to {LARGEST_SIDE} px are "
+            "supported: export it for a smaller size, or correct the size",
             id="unsupported-network",
         )
     return size

@@ -418,7 +418,7 @@ def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
 
 
 def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
-    """Table rows of divergences: each kind, the largest distance, and the longest sections."""
+    """Table rows of divergences: one per kind (first step, how often), the largest distance, the longest sections."""
     out = []
     for kind in found.partings.kinds:
         often = f"{kind.frames} of {counted(found.partings.frames, 'frame')}" if kind.frames else "never"

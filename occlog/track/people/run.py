@@ -78,7 +78,7 @@ class _Counts:
         return outcome(FRAMES, self._numbers(), unless="" if self.inputs.numbers else "frames are not numbered")
 
     def found(self) -> tuple[Check, ...]:
-        """Check that there are tracks."""
+        """Check that there are tracks: `no-tracks` is found without any row; counts are stated."""
         return outcome(FOUND, self._no_tracks(), people=len(self.people), rows=self.rows)
 
     def count_events(self, events: Events) -> None:

@@ -85,5 +85,5 @@ def test_measurements_of_other_targets_count_nothing_and_a_bound_in_space_is_ref
     a, _ = towards("a")
     assert bound(other, DistanceMeasurementConfig(), scene()) == pytest.approx(by_hand(np.outer(a, a) / 0.04))
     how = EvaluateConfig(prior_covariance=PRIOR, bound_dimension="space")
-    with pytest.raises(InputError, match="on the ground alone"):
+    with pytest.raises(InputError, match="only the bound on the ground"):
         evaluate(None, truth(1.0), None, scene(), how, measured=(rows, DistanceMeasurementConfig(), None))

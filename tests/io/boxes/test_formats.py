@@ -96,7 +96,7 @@ def test_the_numbers_after_a_yolo_box_are_confidence_and_identity(
     [
         ({"1.txt": "0 512 300 40 90\n"}, r"1.txt: line 1: x is 512; .*shares of the image.*pixels"),
         ({"1.txt": "0 .5 .5 .1 1.0011\n"}, "height is 1.0011"),
-        ({"a_7.txt": "0 .5 .5 .1 .1\n", "b_7.txt": "0 .5 .5 .1 .1\n"}, "b_7.txt: is frame 7, as a_7.txt is"),
+        ({"a_7.txt": "0 .5 .5 .1 .1\n", "b_7.txt": "0 .5 .5 .1 .1\n"}, "b_7.txt: has frame number 7, as a_7.txt has"),
         ({"1.txt": "0 .5 .5 .1 .1 .9\n0 .5 .5 .1 .1 .9\n"}, "line 2: duplicate box; .*earlier run"),
         ({"1.txt": "0 .5 .5 .1\n"}, "line 1: 4 numbers; expected class"),
         ({"1.txt": "0 .5 .5 .1 .1 .2 .3 .4 .5\n"}, "9 numbers.*outlines"),

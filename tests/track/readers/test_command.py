@@ -237,7 +237,7 @@ def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
     [
         (["--method", "virtual"], ExitCode.BAD_INPUT, "how far reader r0 reads is not known"),
         (["--method", "virtual", "--set", "reader_range=-2"], ExitCode.USAGE, "--set reader_range=-2: must be above 0"),
-        (["--method", "virtual", "--set", "reader_range=4", "--window", "0"], ExitCode.USAGE, "window above 0 s"),
+        (["--method", "virtual", "--set", "reader_range=4", "--window", "0"], ExitCode.USAGE, "give one above 0 s"),
         (["--method", "rssi", "--cameras", "r44"], ExitCode.USAGE, "no reader 'r44'"),
         (["--method", "rssi", "--target", "5"], ExitCode.BAD_INPUT, "no reads of the chosen tags"),
         (

@@ -115,7 +115,7 @@ def _in_metres(scene: Scene, format: str) -> list[Camera]:
 
 
 def _late(scene: Scene) -> dict[str, float]:
-    """Return the clock offsets [s] by camera."""
+    """Return the clock offset [s] of each camera that names a clock, 0 included."""
     clocks = {clock.name: clock.offset_ns / NS for clock in scene.clocks}
     return {camera.name: clocks[camera.clock] for camera in scene.cameras if camera.clock is not None}
 

@@ -267,7 +267,8 @@ class _Search:
             return error._replace(cameras=tuple(cameras[c] for c in error.cameras), rival=rival)
 
         out: list[CameraError] = []
-        people = max(float(np.median(np.bincount(view.steps)[np.unique(view.steps)])) for view in views)
+        counts = (np.unique(view.steps, return_counts=True)[1] for view in views)
+        people = max((float(np.median(each)) for each in counts if len(each)), default=1.0)
         for each in camera_errors(normal, people, lambda error: self._matters(named(error))):
             if each.since:
                 # Boxes are paired better with one orientation of each camera; either part may be as calibrated
@@ -286,7 +287,7 @@ class _Search:
         """Whether a camera error exceeds the threshold of its kind from which it is reported."""
         if error.kind == RADIAL:
             pairs = zip(error.cameras, error.values[:, 0].tolist(), strict=True)
-            return any(lens_matters(self.views[c], k) for c, k in pairs)
+            return any(lens_matters(self.views[c], k, shared=len(error.cameras) > 1) for c, k in pairs)
         least = {YAW: MIN_ROTATION, FOCAL: MIN_FOCAL, HEIGHT: MIN_RAISED, LATE: MIN_LATE_S}[error.kind]
         return float(np.linalg.norm(error.values, axis=1).max()) >= least
 

@@ -43,7 +43,7 @@ MAX_CHI2, MAX_APART_HEIGHTS, SETTLED = 16.0, 1.2, 0.3
 of the prior standard deviations that is left after an iteration."""
 STUDENT = 6.0
 """Weights fall with the squared distance over this, as those of Student's t."""
-RADIUS_QUANTILE, MIN_OFFSET_HEIGHTS = 0.95, 0.05
+RADIUS_QUANTILE, MIN_OFFSET_HEIGHTS, MIN_SHARED_HEIGHTS = 0.95, 0.05, 0.1
 """Quantile of the boxes' radii at which an offset of the lens is stated, and the least that matters, in median heights
 of boxes: smaller ones are no larger than errors of boxes."""
 MAX_RADIAL = 0.6
@@ -280,10 +280,11 @@ def lens_offset(view: BoxesOfCamera, coefficient: float) -> float:
     return coefficient * float(np.nanquantile(radii, RADIUS_QUANTILE)) ** 3 * float(view.camera.focal_px.mean())
 
 
-def lens_matters(view: BoxesOfCamera, coefficient: float) -> bool:
+def lens_matters(view: BoxesOfCamera, coefficient: float, *, shared: bool) -> bool:
     """Whether a radial error exceeds the errors of boxes and is small enough for a lens."""
     tall = float(np.median(view.boxes[:, 3] - view.boxes[:, 1]))
-    return abs(lens_offset(view, coefficient)) > MIN_OFFSET_HEIGHTS * tall and abs(coefficient) < MAX_RADIAL
+    least = MIN_SHARED_HEIGHTS if shared else MIN_OFFSET_HEIGHTS
+    return abs(lens_offset(view, coefficient)) > least * tall and abs(coefficient) < MAX_RADIAL
 
 
 def without_radial_error(view: BoxesOfCamera, coefficient: float) -> BoxesOfCamera:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from occlog import console
 from occlog.console.notes import threads_by_default
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.formats.models.ellipses import FIRST, GivenEllipse, read_ellipses
 from occlog.io.formats.models.motion_models import model_losses
@@ -101,8 +101,8 @@ class ViewsInput:
         """Raise InputError if no camera has a pose, so that no ground position can be computed."""
         if not self._placed():
             raise InputError(
-                f"{self.request.bearings}: no camera has a pose, so positions on the ground are unknown; give a scene "
-                "with poses, or leave world out",
+                f"{self.request.bearings}: no camera has a pose, so there are no ground positions; give a scene with "
+                f"poses, or leave {option('ground_tracks')} out",
                 id="missing-pose",
             )
 
