@@ -78,6 +78,8 @@ TABLES = {
     "measurements": (FileKind.TABLE, "ranges, signal strengths or time differences"),
 }
 """Kinds of tables that have a header, by the table they are read as."""
+OWN_RESULT = re.compile(rb'\{\s*"(_provenance"\s*:|program"\s*:\s*"occlog")')
+"""Begin of JSON files that occlog writes."""
 
 
 def contents_of(path: Path) -> list[FileContent]:
@@ -163,7 +165,8 @@ def _of_table(path: Path) -> Iterator[FileContent]:
     from occlog.io.open import open_if_ours
 
     opened = open_if_ours(path)
-    if opened is not None and opened.table in TABLES:
+    # Tracks of occlog are a result, as of an earlier run in this folder
+    if opened is not None and opened.table in TABLES and not (opened.foreign is None and opened.table == "tracks"):
         kind, words = TABLES[opened.table]
         form = f", {opened.foreign.source.kind}" if opened.foreign is not None else ", table of occlog"
         ours = opened.foreign is None and kind not in (FileKind.TRUTH, FileKind.TABLE)
@@ -178,6 +181,8 @@ def _of_text(path: Path, head: bytes) -> Iterator[FileContent]:
         yield FileContent(FileKind.SCENE, "scene")
     elif re.search(rb"^occlog_[a-z]+\s*:", head, re.MULTILINE):
         yield FileContent(FileKind.CONFIGURATION, "configuration of occlog")
+    elif OWN_RESULT.match(text):
+        return  # metrics or the record of a run: no input
     elif text.startswith(b"{") and is_odas(head):
         yield FileContent(FileKind.DIRECTIONS, "directions, odas")
     else:

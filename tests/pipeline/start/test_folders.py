@@ -18,10 +18,13 @@ from places import ROOT
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, UsageError
+from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import read_table
+from occlog.io.files.tables.table_writer import write_table
+from occlog.io.recognition import contents_of
 from occlog.io.recording.reader import open_recording
 from occlog.pipeline.start.run import read_settings
-from occlog.records.tables import Doa, Truth, ViewTracks
+from occlog.records.tables import Doa, Tracks, Truth, ViewTracks
 
 CAMERAS = ("a", "b", "c")
 FPS = ("--set", f"ingest.fps={make.RATE}")
@@ -298,6 +301,19 @@ def test_a_recording_with_a_truth(folder: Path, start: Start) -> None:  # 15
     assert "recording walk.mcap: boxes" in output
     assert "ground truth: truth.parquet (true positions, table of occlog)  [--set evaluate.truth=...]" in output
     all_found(folder)
+
+
+@pytest.mark.jit
+def test_results_of_an_earlier_run_are_no_truth(folder: Path, start: Start) -> None:
+    make.recording(folder / "walk.mcap")
+    make.truth_parquet(folder / "truth.parquet")
+    write_table(folder / "tracks.parquet", Tracks.empty(), Provenance("track", {}))
+    for name, begin in (("metrics", {"_provenance": {}}), ("earlier", {"program": "occlog"})):
+        (folder / f"{name}.json").write_text(json.dumps({**begin, "packages": {"opencv-python-headless": "4.10"}}))
+    assert not any(contents_of(folder / name) for name in ("tracks.parquet", "metrics.json", "earlier.json"))
+    code, output = start()
+    assert code == ExitCode.DONE, output
+    assert "ground truth: truth.parquet" in output
 
 
 def test_what_cannot_be_used_is_one_line(folder: Path, start: Start) -> None:

@@ -61,7 +61,7 @@ DIGITS = 9
 def detect(text: str) -> bool:
     """Whether a text is an OpenCV FileStorage with a camera matrix."""
     head = "opencv_storage" in text[:400] or text.startswith("%YAML") or text.lstrip().startswith("{")
-    return head and "opencv-" in text
+    return head and any(kind in text for kind in ("opencv-matrix", "opencv-nd-matrix"))
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
