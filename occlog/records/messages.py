@@ -373,7 +373,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-late": Message(
         W,
-        "camera {sensors}: its images are {late_s:.2g} s late (significant: {allowed:.1g}); corrected",
+        "camera {sensors}: its images are {size} s {side} (significant: {allowed:.1g}); corrected",
         "subtract it from its times (ingest --clock-offset) and track again",
     ),
     "camera-rotated": Message(
@@ -462,13 +462,13 @@ VERDICT: dict[str, Message] = {
     ),
     "common-position-error": Message(
         N,
-        "all cameras share an error of position of {sigma:.2g} per axis that lasts {time_s:.2g} s; the covariances "
-        "contain it",
+        "all cameras share an error of position of {sigma:.2g} {unit} per axis that lasts {time_s:.2g} s; the "
+        "covariances contain it",
         "check body height and calibrations",
     ),
     "static-clutter": Message(
         N,
-        "camera {sensors}: {count} static objects are reported as people, and are not tracked",
+        "camera {sensors}: static objects that are reported as people ({count}) are not tracked",
         "mask pictures, statues and screens",
     ),
     "speeds-high": Message(

@@ -492,7 +492,9 @@ def build_markdown(data: ReportInput) -> str:
     out = [f"# {plain(data.title)}", ""]
     if data.tracks is not None or data.verdicts:
         out += [f"**{plain(verdict_heading(data.verdicts))}.**", ""]
-        out += [f"- **{plain(check.id)}** ({stage}): {plain(check.text)}" for stage, check in data.findings]
+        for stage, check in data.findings:
+            place = stage if check.severity == "warning" else f"{stage}, note"
+            out.append(f"- **{plain(check.id)}** ({place}): {plain(check.text)}")
         out += [""] if data.findings else []
     out += table_lines(
         ("Figure", "Value", "Unit", "Note"), ((f.name, f.value, f.unit, f.note) for f in headline(data)), "lrll"

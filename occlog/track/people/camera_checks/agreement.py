@@ -175,7 +175,9 @@ class CameraAgreement:
                 () if disjoint else self._gaps(),
                 unless="a camera has other times" if disjoint else "" if self.cameras > 1 else "there is one camera",
             ),
-            *outcome(COMMON, self._common(), unless="" if np.isfinite(self.common_sigma) else "it is not estimated"),
+            *outcome(
+                COMMON, self._common(unit), unless="" if np.isfinite(self.common_sigma) else "it is not estimated"
+            ),
             *outcome(STATIC, self._static()),
             *outcome(BOXES, self._boxes(tally), unless="" if whole.any() else "there are no boxes"),
         )
@@ -185,10 +187,11 @@ class CameraAgreement:
             return (*found, *outcome(FITS, (), unless="a camera has other times"))
         return (*outcome(FITS, self._causes(found, unit)), *found)
 
-    def _common(self) -> Iterator[Check]:
+    def _common(self, unit: str) -> Iterator[Check]:
         """Report the position error that all cameras share, if its standard deviation is large."""
         if self.common_sigma > MAX_COMMON_SIGMA_HEIGHTS * self.person_height:
-            yield finding(COMMON, "common-position-error", sigma=self.common_sigma, time_s=self.common_time_s)
+            sigma, time_s = self.common_sigma, self.common_time_s
+            yield finding(COMMON, "common-position-error", sigma=sigma, unit=unit, time_s=time_s)
 
     def _static(self) -> Iterator[Check]:
         """Report the cameras with static clutter: objects at fixed positions that are detected as people."""
@@ -200,7 +203,10 @@ class CameraAgreement:
         """Report the cameras with a significant clock delay [s], estimated by the filter (`late`)."""
         for name, late_s, limit_s in zip(self.names, self.late.tolist(), self.late_limit.tolist(), strict=True):
             if late_s:
-                yield finding(TIMES, "camera-late", sensors=[name], late_s=late_s, allowed=limit_s)
+                size, side = f"{abs(late_s):.2g}", "late" if late_s > 0.0 else "early"
+                yield finding(
+                    TIMES, "camera-late", sensors=[name], late_s=late_s, size=size, side=side, allowed=limit_s
+                )
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
         """Report the cameras without boxes, with duplicate boxes, or with boxes outside the image."""
