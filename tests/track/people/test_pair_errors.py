@@ -8,6 +8,7 @@ from scipy.stats import multivariate_normal
 
 from occlog.track.people.camera_checks.pair_errors import (
     BODIES,
+    COMMON,
     FAULT,
     FOCAL,
     HEIGHT,
@@ -26,8 +27,8 @@ from occlog.track.people.camera_checks.pair_errors import (
 )
 
 C, T, ROWS = 3, 48, 6
-K = OWN * C + 1
-USUAL_PRIOR = np.diag(np.append(np.tile(USUAL, C), 1.0) ** 2)
+K = OWN * C + COMMON
+USUAL_PRIOR = np.diag(np.append(np.tile(USUAL, C), np.ones(COMMON)) ** 2)
 
 
 def measured(true: np.ndarray, seed: int, later: np.ndarray | None = None, since: int = T) -> tuple[np.ndarray, ...]:
@@ -100,14 +101,14 @@ def test_one_error_of_one_camera_is_found_alone(kind: int, camera: int) -> None:
 
 def test_an_error_that_all_cameras_share_is_found_once() -> None:
     true = np.zeros(K)
-    true[RADIAL:-1:OWN] = 0.8
+    true[RADIAL:-COMMON:OWN] = 0.8
     (found,) = camera_errors(normal(*measured(true, 8)), 4.0, lambda _: True)
     assert (found.cameras, found.kind) == (tuple(range(C)), RADIAL)
 
 
 def test_a_pitch_that_all_cameras_share_is_the_shape_of_bodies() -> None:
     true = np.zeros(K)
-    true[PITCH:-1:OWN] = 0.7
+    true[PITCH:-COMMON:OWN] = 0.7
     assert camera_errors(normal(*measured(true, 9)), 4.0, lambda _: True) == []
 
 

@@ -22,13 +22,14 @@ from .pair_overlap import FEET_HEIGHTS, BoxesOfCamera, ideal, located, located_b
 
 BATCHES, ITERATIONS, MIN_PAIRS = 24, 2, 10
 """Batches of time, iterations of pairing and least squares, and pairs of boxes of two cameras that count."""
-YAW, PITCH, RADIAL, FOCAL, HEIGHT, LATE, FEET = range(7)
-OWN = 6
-"""Parameters of a camera, before that of all: feet."""
-PRIOR = np.array([0.03, 0.03, 0.2, 0.06, 0.1, 0.2, 0.1])
+YAW, PITCH, RADIAL, FOCAL, HEIGHT, LATE, FEET, LOOSE = range(8)
+OWN, COMMON = 6, 2
+"""Numbers of parameters of a camera, and of those of all: feet, and how loose boxes are."""
+PRIOR = np.array([0.03, 0.03, 0.2, 0.06, 0.1, 0.2, 0.1, 3.0])
 """Standard deviations of the parameters of pairs before any box: rotations [rad], coefficient of the squared radius,
-share of the focal length, height of the camera in heights of people, delay [s], and distance of the feet beyond the
-lower edge (in addition to `FEET_HEIGHTS`) in heights of people."""
+share of the focal length, height of the camera in heights of people, delay [s], distance of the feet beyond the lower
+edge (in addition to `FEET_HEIGHTS`) in heights of people, and distance of the upper and lower edges from the body
+[px]."""
 USUAL = np.array([0.1, 0.1, 0.15, 0.1, 0.2, 0.02])
 """Standard deviations of the errors of usual calibrations, relative to `PRIOR`: 0.17 degrees, 0.03, 0.6 %, 3 cm,
 4 ms."""
@@ -117,8 +118,8 @@ class Evidence(NamedTuple):
 def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, every: int = 1) -> Floats:
     """(T, K, K + 1) normal equations of the camera errors by time step, summed over all pairs of C cameras.
 
-    K = C * `OWN` + 1 parameters in units of `PRIOR`: `OWN` of each camera, and the distance of the feet from the lower
-    edge of a box. The last column is the right-hand side.
+    K = C * `OWN` + `COMMON` parameters in units of `PRIOR`: `OWN` of each camera, and those of all boxes.
+    The last column is the right-hand side.
 
     Args:
         views: cameras with their boxes.
@@ -128,15 +129,15 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
     """
     cameras = [_LocatingCamera(view, t_ns, person_height, every) for view in views]
     steps = len(t_ns)
-    C, count = len(cameras), OWN * len(cameras) + 1
+    C, count = len(cameras), OWN * len(cameras) + COMMON
     x = np.zeros(count)
     normal = np.zeros((steps, count, count + 1))
     for iteration in range(ITERATIONS):
         for c, camera in enumerate(cameras):
-            camera.locate(np.append(x[OWN * c : OWN * (c + 1)], x[-1]) * PRIOR, SETTLED if iteration else 1.0)
+            camera.locate(np.append(x[OWN * c : OWN * (c + 1)], x[-COMMON:]) * PRIOR, SETTLED if iteration else 1.0)
         normal = np.zeros((steps, count, count + 1))
         for a, b in combinations(range(C), 2):
-            own = np.r_[OWN * a : OWN * (a + 1), OWN * b : OWN * (b + 1), OWN * C]
+            own = np.r_[OWN * a : OWN * (a + 1), OWN * b : OWN * (b + 1), OWN * C : count]
             part = _of_pair(cameras[a], cameras[b], steps, person_height)
             normal[np.ix_(range(steps), own, np.r_[own, count])] += part
         normal[..., -1] += normal[..., :-1] @ x
@@ -156,9 +157,9 @@ def camera_errors(normal: Floats, people: float, matters: Callable[[CameraError]
     """
     K = normal.shape[1]
     C = K // OWN
-    usual = np.diag(np.append(np.tile(USUAL, C), 1.0) ** 2)
+    usual = np.diag(np.append(np.tile(USUAL, C), np.ones(COMMON)) ** 2)
     # Bodies that are unlike the model tilt all cameras alike
-    usual[PITCH:-1:OWN, PITCH:-1:OWN] += TILTED**2
+    usual[PITCH:-COMMON:OWN, PITCH:-COMMON:OWN] += TILTED**2
     now = Evidence(normal / _inflation(normal), usual)
     # A movement is no scatter
     now = now._replace(normal=normal / _inflation(normal, max(movements(now), key=_log_ratio, default=None)))
@@ -324,7 +325,7 @@ class _LocatingCamera:
         self.locate(np.zeros(len(PRIOR)), 1.0)
 
     def locate(self, values: Floats, prior: float) -> None:
-        """Locate the people, given parameters (7,) of the camera with `prior` times their prior standard deviations."""
+        """Locate the people, given parameters (8,) of the camera with `prior` times their prior standard deviations."""
         self.people = self.located(self.ends, values)
         self.people[:, :2] += values[LATE] * self.velocities
         self.covariances = self.errors + prior**2 * self.by_prior
@@ -332,13 +333,16 @@ class _LocatingCamera:
     def located(self, ends: Floats, values: Floats) -> Floats:
         """(..., n, 3) x, y and height of people by feet and heads (2, ..., n, 2).
 
-        `values`: (7,) or (..., 1, 7) parameters, of which the delay does not count.
+        `values`: (8,) or (..., 1, 8) parameters, of which the delay does not count.
         """
         feet, head = (
             xy * (1.0 + values[..., FOCAL] + values[..., RADIAL] * (xy**2).sum(axis=-1))[..., None]
             + values[..., :RADIAL]
             for xy in ends
         )
+        loose = values[..., LOOSE] / float(self.camera.focal_px[1])
+        feet[..., 1] -= loose
+        head[..., 1] += loose
         beyond, raised = (FEET_HEIGHTS + values[..., FEET]) * self.height, values[..., HEIGHT] * self.height
         return located_by_ends(self.camera, feet, head, beyond, raised)
 
@@ -349,7 +353,7 @@ class _LocatingCamera:
         return np.asarray(at[..., :2] / at[..., 2:])
 
     def slopes(self, ends: Floats, velocities: Floats) -> Floats:
-        """(n, 3, 7) derivatives of x, y and height of people by the parameters, per prior standard deviation."""
+        """(n, 3, 8) derivatives of x, y and height of people by the parameters, per prior standard deviation."""
         steps = STEP * np.eye(len(PRIOR))[:, None]
         apart = self.located(ends, steps) - self.located(ends, -steps)
         out = np.moveaxis(apart, 0, 2) / (2.0 * STEP)
@@ -416,12 +420,11 @@ def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> F
 
 
 def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: float) -> Floats:
-    """(T, 2 `OWN` + 1, 2 `OWN` + 2) normal equations of a pair of cameras by time step.
+    """(T, K, K + 1) normal equations of a pair of cameras by time step, with K = 2 `OWN` + `COMMON`.
 
-    `OWN` parameters of each camera, and the distance of the feet, which all cameras share; the last column is the
-    right-hand side.
+    `OWN` parameters of each camera, and those of all cameras; the last column is the right-hand side.
     """
-    out = np.zeros((steps, 2 * OWN + 1, 2 * OWN + 2))
+    out = np.zeros((steps, 2 * OWN + COMMON, 2 * OWN + COMMON + 1))
     i, j = _of_one_person(a, b, MAX_APART_HEIGHTS * person_height)
     if len(i) < MIN_PAIRS:
         return out
