@@ -219,7 +219,7 @@ def test_views_of_a_network_become_tracks_of_everybody(folder: Path, tmp_path: P
         (["--class", "persn"], "did you mean 'person'"),
         (["--cameras", "c"], "no images of camera 'c'"),
         (["--embed-size", "64"], "go with --embed; add it"),
-        (["--size", "640"], "its images are 160 x 120 px, not 640 x 640"),
+        (["--size", "640"], "images of 160 x 120 px only, not 640 x 640"),
         (["--min-confidence", "1.5"], "--min-confidence"),
     ],
 )

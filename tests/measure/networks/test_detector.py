@@ -91,7 +91,7 @@ def test_a_network_with_a_fixed_number_of_images_is_given_so_many(tmp_path: Path
 
 def test_the_size_is_the_networks_or_has_to_be_given(tmp_path: Path) -> None:
     fixed = constant_network(tmp_path / "a.onnx", {"output0": np.zeros((1, 5, PLACES), np.float32)})
-    with pytest.raises(UsageError, match="are 64 x 64 px, not 96 x 32; leave the size out"):
+    with pytest.raises(UsageError, match="of 64 x 64 px only, not 96 x 32; leave the size out"):
         opened(fixed, size="96x32")
     model = onnx.load(fixed)
     for dim in model.graph.input[0].type.tensor_type.shape.dim[2:]:

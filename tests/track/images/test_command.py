@@ -243,7 +243,7 @@ def test_views_of_which_nothing_is_known_track_alone(tmp_path, capsys):
     assert "no geometry links the views" in capsys.readouterr().err
     assert len(result(tmp_path)) == 2 * 3 * FRAMES
     message = refused(capsys, track(path, tmp_path, "--ground-tracks", str(tmp_path / "w.parquet")))
-    assert "no camera has a pose, so positions on the ground are unknown" in message
+    assert "no camera has a pose, so there are no ground positions" in message
 
 
 def matrices(path: Path, shift_px: float) -> Path:

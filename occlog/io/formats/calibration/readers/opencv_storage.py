@@ -7,6 +7,7 @@ known.  Xc = R Xw + t; the unit is not stated: metres unless stated otherwise.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ DIGITS = 9
 def detect(text: str) -> bool:
     """Whether a text is an OpenCV FileStorage with a camera matrix."""
     head = "opencv_storage" in text[:400] or text.startswith("%YAML") or text.lstrip().startswith("{")
-    return head and any(kind in text for kind in ("opencv-matrix", "opencv-nd-matrix"))
+    return head and re.search("opencv-(?!python)", text) is not None  # the package is named in results of occlog
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
