@@ -209,7 +209,7 @@ class Times:
         )
 
     def _rates(self) -> Iterator[Check]:
-        """Report sensors with so few or so many frames per second that their time unit may be wrong."""
+        """Report sensors with a frame rate that is implausible, so that their time unit may be wrong."""
         for name, own in sorted({**{n: self.rows[n] for n in self.rates}, **self.frames}.items()):
             if own.count >= FEWEST and not MIN_RATE_HZ <= own.rate_hz <= MAX_RATE_HZ:
                 rate_hz, least, most = own.rate_hz, MIN_RATE_HZ, MAX_RATE_HZ

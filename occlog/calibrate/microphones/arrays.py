@@ -31,7 +31,7 @@ PARAMETERS = 5
 LATE_SIGMA = 4
 """Index of the clock among the standard deviations of a result."""
 MIN_LATE_S = 0.05
-"""Least offset of a clock that is stated: sound takes so long for 17 m."""
+"""Least offset of a clock that is stated [s]: the time sound takes for 17 m."""
 FEW, LOOSE, AMBIGUOUS = (
     "too few of its directions are of people",
     "its directions leave more than 0.5 m or 5 deg of its pose open",
@@ -263,7 +263,7 @@ def _on_grid(path: Path, times: Floats) -> Complexes:
 
 
 def _spread(rows: Ints, most: int) -> Ints:
-    """At most so many of the rows, evenly spread."""
+    """At most `most` of the rows, evenly spread."""
     if len(rows) <= most:
         return rows
     return np.asarray(rows[np.linspace(0, len(rows) - 1, most).round().astype(np.int64)])

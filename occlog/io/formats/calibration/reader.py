@@ -185,7 +185,7 @@ def _distances(cameras: Sequence[Camera]) -> Iterator[Check]:
 
 
 def _lenses(cameras: Sequence[Camera]) -> Iterator[Check]:
-    """Find cameras without a distortion, beside others of the same type (image size and focal length) with one."""
+    """Report cameras without a distortion that have the type (image size, focal length) of one with a distortion."""
     straight = [camera for camera in cameras if camera.straight]
     offsets = {c.name: _offset_at_border(c) for c in cameras if straight and not c.straight}
     for camera in straight:
