@@ -55,7 +55,10 @@ MAX_INITIAL_SCANS = 1000
 
 
 class StatedSensors(NamedTuple):
-    """The sensors with poses as stated in the scene."""
+    """The S sensors (cameras, then arrays) with poses as stated: packed, their noise, ground positions and yaw [rad].
+
+    `read_px` is the reading noise of the cameras [px].
+    """
 
     scene: Scene
     sensors: Sensors
@@ -67,7 +70,7 @@ class StatedSensors(NamedTuple):
 
 
 class InitialPhase(NamedTuple):
-    """Scans and estimates collected in the initial calibration phase."""
+    """Labelled bearings and position estimates (2,) of the scans so far, collected until `until_ns`."""
 
     until_ns: int | None  # None: not begun
     scans: tuple[LabelledBearings, ...]
@@ -116,11 +119,11 @@ def begin(
 
 
 def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tuple[Sensors, MeasurementNoise]:
-    """Return the sensors with corrected poses, and the remaining noise of their pose errors.
+    """Return the sensors with corrected poses, and the noise model with what remains uncertain about the poses.
 
-    Where the (L, 2) particles are near together, the variance of a bearing to them goes into
-    the yaw's position, for any covariance of the errors; elsewhere Eq. 2 has the greatest
-    variance of position in any direction.
+    Where the particles `xy` (L, 2) with `weights` (L,) are near together, the variance of a bearing to them goes into
+    the yaw's variance, for any covariance of the errors; elsewhere Eq. 2 has the greatest variance of position in any
+    direction. While nothing is corrected (`converged`), both are as stated.
     """
     if not calibration.converged:
         return calibration.stated.sensors, calibration.stated.noise
@@ -140,7 +143,11 @@ def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tupl
 
 
 def corrected_scan(calibration: PoseCalibration, packed: PackedScan) -> PackedScan:
-    """Return the packed scan with bearings corrected for yaw errors, and its reading noise scaled."""
+    """Return the packed scan with bearings turned by the estimated yaw errors and variances scaled by `belief.scale`.
+
+    Pixels are not turned, since they are read from the corrected axis. While nothing is corrected, `packed` is
+    returned.
+    """
     if not calibration.converged:
         return packed
     sensor = np.repeat(packed.sensor, np.diff(packed.first))
@@ -175,7 +182,15 @@ def updated_calibration(
 def _gather(
     calibration: PoseCalibration, sights: LabelledBearings, t_ns: int, xy: Floats, seconds: float
 ) -> PoseCalibration:
-    """Add a scan to the initial calibration phase; solve for the pose errors when it has lasted long enough."""
+    """Return the calibration with a scan added to its initial phase, which ends with a solution after its given length.
+
+    Args:
+        calibration: before the scan.
+        sights: the scan's labelled bearings.
+        t_ns: its time.
+        xy: (2,) the filter's estimate at that time.
+        seconds: length of the phase, from its first scan [s].
+    """
     phase = calibration.phase or InitialPhase(None, (), ())
     until = t_ns + round(seconds * NS) if phase.until_ns is None else phase.until_ns
     phase = InitialPhase(until, (*phase.scans, sights), (*phase.positions, xy))
@@ -224,7 +239,11 @@ def _sights(scan: Scan, stated: StatedSensors) -> LabelledBearings:
 
 
 def _packed(calibration: PoseCalibration) -> PoseCalibration:
-    """Return the calibration with the packed sensors moved to their estimated poses, if these differ enough."""
+    """Return the calibration with sensors packed at their estimated poses.
+
+    It is returned unchanged if no camera has moved by more than `REPACK_SHIFT_SIGMAS` prior standard deviations since
+    the sensors were packed.
+    """
     stated, mean = calibration.stated, calibration.belief.mean
     prior = np.array([(c.sigma_position, c.sigma_position, c.sigma_yaw) for c in stated.scene.cameras]).reshape(-1, 3)
     moved = np.abs(mean - calibration.packed)[: len(prior)]
@@ -234,7 +253,7 @@ def _packed(calibration: PoseCalibration) -> PoseCalibration:
 
 
 def corrected_sensors(scene: Scene, errors: Floats) -> Sensors:
-    """Packed sensors of a scene, with cameras moved and turned by (S, 3) errors.
+    """Packed sensors of a scene, with cameras moved and turned by `errors` (S, 3): dx, dy, dyaw [rad].
 
     What hides things from a camera is what hides them at its stated position, but for a wall
     or a pillar that it would be moved into.

@@ -145,7 +145,17 @@ def predict(state: ApfState, t_ns: int, rng: Generator) -> ParticleSet:
 
 
 def _updated(state: ApfState, packed: PackedScan, dt: float, rng: Generator) -> tuple[ProposedParticles, Trace] | None:
-    """Weighted particles at the time of a scan, a time dt [s] after the last one; None where no particle agrees."""
+    """Return the weighted particles at the time of a scan, and the smoother records; None if no particle agrees.
+
+    Time is predicted in steps no longer than the reference step; before the first scan, initial particles are
+    resampled.
+
+    Args:
+        state: at the last scan, not changed.
+        packed: the scan.
+        dt: time since the last scan [s].
+        rng: draws.
+    """
     model = state.model
     if state.t_ns is None:
         start = model.config.start
@@ -164,20 +174,23 @@ def _updated(state: ApfState, packed: PackedScan, dt: float, rng: Generator) -> 
 
 
 def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
-    """Return the smoother record of a scan (particles, ancestors and time step dt [s]); None without a smoother."""
+    """Return the smoother's record of a step of `dt` [s] that ended at a scan, as a tuple; empty without a smoother."""
     if not model.config.smoothed:
         return ()
     return (record_particles(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
 
 
 def _begin(model: ApfModel, packed: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
-    """Return newly initialised particles over the whole ground, or, in a scene without a room, from the scan."""
+    """Return newly initialised particles with `reason` as their `fallback`, and the smoother's records.
+
+    They are drawn over the whole floor, or, in a scene without a room, from the scan `packed`.
+    """
     draw = reinitialise(model, packed, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
 
 
 def _track_loss(state: ApfState, draw: ProposedParticles, packed: PackedScan) -> tuple[int, bool]:
-    """The track-loss counter after a scan, and whether the track is lost.
+    """Return the track-loss counter after a scan, and whether the track is lost (the counter is then 0).
 
     A report speaks against it if the target should be elsewhere; a scan counts for two
     reports at most, either way.  A single sensor may speak: a filter that is lost among
@@ -221,17 +234,27 @@ def _as_estimate(
     draw: ProposedParticles,
     mean: Floats,
     covariance: Floats,
-    size: float,
+    ess: float,
     fallback: str,
     packed: PackedScan,
     seen: Bools,
 ) -> Estimate:
-    """Return the estimate with mean (2,), covariance (2, 2), and the sensors that contributed."""
+    """Return the estimate of a scan.
+
+    Args:
+        draw: weighted particles, which give velocity and log-likelihood.
+        mean: (2,) position.
+        covariance: (2, 2) of it.
+        ess: effective sample size of the particles.
+        fallback: reason why the estimate is doubtful; empty: none.
+        packed: the scan; all K of its sensors count as used.
+        seen: (K,) sensors that detected the target.
+    """
     return Estimate(
         xy=mean,
         velocity=draw.weights @ waypoint.velocities(draw.particles),
         covariance=covariance,
-        ess=size,
+        ess=ess,
         log_likelihood=draw.log_likelihood if math.isfinite(draw.log_likelihood) else math.nan,
         n_observing=len(packed.sensor),
         n_detected=int(np.count_nonzero(seen)),

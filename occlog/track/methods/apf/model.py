@@ -145,7 +145,11 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
 
 
 def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
-    """The estimate with its residuals of distance measurements."""
+    """Return the estimate with its residuals of distance measurements.
+
+    They are at the position `xy`: normalised residuals, their variances expected after the fit, and the probability of
+    each measurement to be no false one.
+    """
     linearised = linearise(measured, estimate.xy[None])
     residual, gradient = linearised.residual[0], linearised.gradient[0]
     spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)
@@ -183,7 +187,14 @@ def max_destination_distance(scene: Scene, speed: float) -> float:
 def sight_lines(
     packed: PackedScan, sensors: Sensors, noise: MeasurementNoise, prior: ViewPrior
 ) -> ScanDirectionsInPlane:
-    """The directions of a scan's measurements, with the errors of reading, yaw and position ([Ercan] Eq. 2)."""
+    """The n directions of a scan's measurements in the plane, with errors of reading, yaw and position ([Ercan] Eq. 2).
+
+    Args:
+        packed: the scan.
+        sensors: all S sensors.
+        noise: errors of their poses and focal lengths.
+        prior: gives how far each sensor sees.
+    """
     i = np.repeat(packed.sensor, np.diff(packed.first))
     f, yaw = np.where(packed.pixel, noise.focal_px[i], 1.0), np.arctan2(sensors.axis[i, 1], sensors.axis[i, 0])
     reading = np.sqrt(packed.variance)
@@ -238,7 +249,7 @@ def make_model(scene: Scene, config: ApfConfig) -> ApfModel:
 
 
 def motion_of(config: ApfConfig) -> WaypointModel:
-    """Return the motion model from the settings."""
+    """Return the waypoint motion model with the parameters that the settings give."""
     return WaypointModel(
         reference_s=config.reference_step_s,
         sigma=config.process_noise_position,
@@ -295,7 +306,10 @@ def likelihood(
 
 
 def evidence(model: ApfModel, packed: PackedScan) -> tuple[Ints, Floats]:
-    """Return a scan's sensor reports and measurements as arrays for the adapted importance density."""
+    """Return a scan's measurements for `importance.adapt`: `first` (K + 1,) by sensor report and `rows` (M, 12).
+
+    Bearings and pixels come first; measurements of distances, if there are any, follow as reports of their own.
+    """
     rows = importance.measurements(packed, model.sensors, model.noise, model.detection)
     if model.measured is None:
         return packed.first, rows

@@ -82,7 +82,16 @@ def auxiliary_step(
 def _bootstrap_step(
     model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
-    """[Ercan] Alg. 1 as it is printed, but for the parent's weight in stage 2."""
+    """Return the particles at the time of a scan by [Ercan] Alg. 1 as printed, but for the parent's weight in stage 2.
+
+    Args:
+        model: scene and settings.
+        particles: L of them, a time dt before the scan.
+        weights: (L,) sum 1.
+        packed: the scan.
+        dt: [s], at most one reference step.
+        rng: draws.
+    """
     config = model.config
     # Stage 1, weigh the expected states kappa: w_l f(Z|kappa_l)
     arrived = waypoint.reached(particles, model.motion, model.floor)
@@ -108,7 +117,16 @@ def _bootstrap_step(
 def _adapted_step(
     model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
-    """[Ercan] Alg. 1 with hypotheses of the motion and the Laplace approximation of each."""
+    """Return the particles at the time of a scan by [Ercan] Alg. 1 with Laplace-approximated hypotheses of the motion.
+
+    Args:
+        model: scene and settings.
+        particles: L of them, a time dt before the scan.
+        weights: (L,) sum 1.
+        packed: the scan.
+        dt: [s], > 0 and at most one reference step.
+        rng: draws.
+    """
     config, L, n = model.config, len(weights), model.config.particles
     # Hypotheses: go on (MTD), change the destination (CD), wait (W)
     arrived = waypoint.reached(particles, model.motion, model.floor)
@@ -162,7 +180,15 @@ def _adapted_step(
 
 
 def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floats, str]:
-    """Weights of stage 1, a share of which is from the motion alone; `sir` where no expected state agrees with it."""
+    """Return (M,) weights of stage 1, of sum 1, and the fallback: `sir` if no expected state agrees with the scan.
+
+    Otherwise the fallback is empty.
+
+    Args:
+        log_weights: (M,) log of prior weight times expected likelihood.
+        prior: (M,) weights by the motion alone, of sum 1; they replace the former in case of `sir`.
+        defensive: share of `prior` in the result, 0 to 1.
+    """
     first, log_sum = normalise_log_weights(log_weights)
     fallback = "" if math.isfinite(log_sum) else "sir"
     if fallback:  # stage 1 is skipped: plain sampling importance resampling
@@ -177,7 +203,10 @@ def _even_weights(weights: Floats, chance: Floats) -> Floats:
 
 
 def drift(model: ApfModel, particles: WaypointParticles, dt: float, rng: Generator) -> WaypointParticles:
-    """Particles a time dt > 0 later, by steps no longer than the reference step."""
+    """Return the particles a time `dt` > 0 [s] later, moved without measurements.
+
+    Each step is at most a reference step.
+    """
     parts = parts_of(dt, model)
     for _ in range(parts):
         arrived = waypoint.reached(particles, model.motion, model.floor)
@@ -191,7 +220,10 @@ def parts_of(dt: float, model: ApfModel) -> int:
 
 
 def move(model: ApfModel, particles: WaypointParticles, arrived: Bools, dt: float, rng: Generator) -> WaypointParticles:
-    """Draw from the importance density of [Ercan] Sec. 4.1; `arrived` is from `waypoint.reached`."""
+    """Return particles moved by `dt` [s], drawn from the importance density of [Ercan] Sec. 4.1 (the motion model).
+
+    `arrived` (L,) from `waypoint.reached`: the particle is at its destination.
+    """
     L = len(particles.speed)
     regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
     positions = destinations(model, particles.xy[regime == waypoint.CHANGE], rng)
@@ -200,19 +232,23 @@ def move(model: ApfModel, particles: WaypointParticles, arrived: Bools, dt: floa
 
 
 def times_of_change(model: ApfModel, n: int, rng: Generator) -> Floats:
-    """(n,) shares of a step after which targets take their new destinations."""
+    """(n,) shares of a step, 0 to 1, after which targets take new destinations: 0, or uniform if `uniform_change`."""
     return rng.random(n) if model.motion.uniform_change else np.zeros(n)
 
 
 def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:
-    """(n, 2) new destinations of targets at (n, 2) positions: anywhere in the room, or without one not far away."""
+    """(n, 2) new destinations of targets at `xy` (n, 2): anywhere in the room, or without one at most `wander` away."""
     if model.views is None:
         return sample_floor(len(xy), model.floor, rng)
     return sample_near(xy, model.wander, model.floor, rng)
 
 
 def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Generator) -> WaypointParticles:
-    """Many particles, anywhere on the floor or around a start."""
+    """Return `initial_particle_factor` times the filter's number of particles, before any scan.
+
+    They are all over the floor (without a room: the region that sensors see), or, with `start` (x, y, standard
+    deviation), Gaussian about it.
+    """
     config = model.config
     n = config.particles * config.initial_particle_factor
     if start is not None:
@@ -226,7 +262,7 @@ def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Gen
 
 
 def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointParticles:
-    """Particles at (L, 2) positions, on their way to anywhere at the usual speeds."""
+    """Particles at positions `xy` (L, 2), with random destinations and speeds of new targets."""
     particles = waypoint.start_particles(
         xy, model.floor, model.config.initial_speed, model.config.sigma_initial_speed, rng
     )
@@ -234,7 +270,11 @@ def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointPartic
 
 
 def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> ProposedParticles:
-    """Particles resampled: all over the ground, or, without a room, from the scan."""
+    """Return the filter's number of particles at the time of a scan, without regard to earlier ones.
+
+    They are all over the floor, or, without a room and without measurements of distances, drawn from the bearings of
+    the scan, and are resampled by the likelihood of `packed`.
+    """
     if model.views is None or model.measured is not None:
         return select_initial_particles(model, initial_particles(model, None, rng), None, packed, rng)
     n = model.config.particles * model.config.initial_particle_factor
@@ -287,7 +327,16 @@ def _chosen(
     packed: PackedScan,
     rng: Generator,
 ) -> ProposedParticles:
-    """Resample particles by their weights (L,) and the likelihood of a scan, to the filter's number of particles."""
+    """Resample particles by their weights and the likelihood of a scan, to the filter's number of particles.
+
+    Args:
+        model: scene and settings.
+        particles: L of them.
+        log_prior: (L,) log weights before the scan.
+        sharpness: mean variance per axis of the densities that they were drawn from.
+        packed: the scan.
+        rng: draws.
+    """
     weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, packed))
     n = model.config.particles
     drawn = systematic_ancestors(weights, n, rng.random())

@@ -48,7 +48,7 @@ MAX_PARTICLES = 1000
 
 
 class CameraChoice(NamedTuple):
-    """The cameras to choose from."""
+    """The N cameras that may be selected, with what is needed to predict what they see; arrays are of all S sensors."""
 
     cameras: tuple[int, ...]  # rows of the sensors
     order: tuple[int, ...]  # the same in the order of use for `fixed`
@@ -111,11 +111,11 @@ def network(
 def choose(
     cloud: ParticleSet, priors: Priors | None, net: CameraChoice, config: SelectConfig, rng: Generator
 ) -> Choice:
-    """The cameras to use until the next selection.
+    """The cameras to use until the next selection, with the expected error of the set.
 
     Args:
         cloud: where the target is thought to be.
-        priors: of the moving occluders; None: they are excluded from account.
+        priors: of the moving occluders; None: none are considered.
         net: the cameras.
         config: how to select.
         rng: for `random`.
@@ -131,7 +131,16 @@ def choose(
 def _rows(
     k: int, cloud: ParticleSet, moments: CameraMoments, net: CameraChoice, policy: str, rng: Generator
 ) -> list[int]:
-    """Places in `net.cameras` of the k cameras that a policy selects."""
+    """Indices into `net.cameras` of the `k` cameras that a policy selects.
+
+    Args:
+        k: number of cameras.
+        cloud: particles of the target, for `closest`.
+        moments: of the cameras, for `greedy` and `brute-force`.
+        net: the cameras.
+        policy: one of `POLICIES`.
+        rng: draws of `random`.
+    """
     N = len(net.cameras)
     if policy == "greedy":
         return greedy(moments, k)
@@ -152,7 +161,7 @@ def _rows(
 
 
 def greedy(moments: CameraMoments, k: int) -> list[int]:
-    """Alg. 2: k times the camera that, added to those selected, gives the least error."""
+    """Alg. 2: indices of the cameras that, added one after another, give the least error each, k of them or all N."""
     chosen: list[int] = []
     N = len(moments.seen)
     for _ in range(min(k, N)):
@@ -196,7 +205,7 @@ FOREVER_NS = 2.0**63
 
 
 class Selected(NamedTuple):
-    """Cameras selected for a target."""
+    """Cameras selected for a target, and the time of the selection."""
 
     since_ns: int
     choice: Choice
@@ -212,7 +221,7 @@ class ObservedVisibility(NamedTuple):
 
 
 class TargetFilter(NamedTuple, Generic[State]):
-    """The filter of one target."""
+    """One target's filter: state, draws, and the cameras selected for it."""
 
     target: int
     state: State
@@ -305,12 +314,18 @@ class Selector(Generic[State, Config]):
         return own._replace(in_view=ObservedVisibility(clear, scan.t_ns, unseen, found))
 
     def _relaxed(self, in_view: ObservedVisibility, t_ns: int) -> Floats:
-        """(C,) probabilities of plain views at a later time."""
+        """(C,) probabilities of plain view at a time `t_ns` after those of `in_view`.
+
+        They return to `PRIOR_VISIBILITY` exponentially within the time between selections.
+        """
         left = math.exp(-(t_ns - in_view.t_ns) / NS / self._memory_s)
         return np.asarray(PRIOR_VISIBILITY + (in_view.clear - PRIOR_VISIBILITY) * left)
 
     def asked(self, own: TargetFilter[State], scan: Scan) -> Scan | None:
-        """What selected cameras and all microphone arrays say; None if that is nothing."""
+        """Return the rows of a scan of the target's selected cameras and of microphone arrays; None if there are none.
+
+        Without a selection it is the whole scan.
+        """
         if own.selected is None:
             return scan
         keep = np.isin(scan.sensor, own.selected.choice.cameras) | (scan.sensor >= self._cameras)

@@ -50,7 +50,16 @@ def record_particles(
     model: ApfModel,
     sharpness: float = 0.0,
 ) -> ParticleRecord:
-    """Return the particles after a step with their ancestors, as backward simulation needs them."""
+    """Return the record of a step that backward simulation needs: particles with ancestors, as states.
+
+    Args:
+        particles: L of them after the step.
+        weights: (L,) sum 1.
+        parents: (L,) indices among those of the step before; None: each its own.
+        dt: length of the step [s].
+        model: motion and floor.
+        sharpness: mean variance per axis of the densities that positions were drawn from; 0: unknown.
+    """
     arrived = waypoint.reached(particles, model.motion, model.floor)
     return ParticleRecord(
         waypoint.headings(particles, model.motion), particles.regime, arrived, weights, parents, dt, sharpness
@@ -85,7 +94,18 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
 
 
 def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: WaypointModel, rng: Generator) -> Ints:
-    """The particles of a link from which those chosen of the later one came."""
+    """Draw, for each of M trajectories, the particle of the record `now` through which it passes.
+
+    Args:
+        now: L particles.
+        later: those of the step after.
+        chosen: (M,) indices of the trajectories' particles in `later`.
+        motion: the motion model.
+        rng: draws.
+
+    Returns:
+        (M,) indices in `now`.
+    """
     count = min(CANDIDATES, len(now.weights))
     own = chosen if later.parents is None else later.parents[chosen]
     if later.dt <= 0.0:  # two scans at one time: nothing has moved between them

@@ -59,7 +59,7 @@ TOO_FAR = 50.0
 
 @kernel
 def density_on_segment(x: float, y: float, wx: float, wy: float, variance: float) -> float:
-    """The mean of N(x; u w, variance I) over u from 0 to 1, over its largest value at w = 0.
+    """Mean of exp(-|x - u w|^2 / (2 variance)) over u from 0 to 1: a Gaussian smeared along a segment w, 1 at most.
 
     Along w it is a difference of two normal distribution functions, across w a normal density; 0 beyond `TOO_FAR`.
 
@@ -99,20 +99,20 @@ def parents_of(
     """Draw the particle before each of M particles.
 
     Args:
-        later: (M, 5) states of a step.
-        regime: (M,) theirs.
-        own: (M,) the parent of each among the L particles.
-        states: (L, 5) states of the step before.
-        was: (L,) their regimes.
-        chances: (L, 3) probabilities of MTD, CD and W of each.
-        candidates: (K,) of the L particles, drawn by their weights.
+        later: (M, 5) states of a step: x, y, direction times speed (2), speed.
+        regime: (M,) regimes of these (MTD, CD or W).
+        own: (M,) index of the filter's parent of each among the L particles of the step before.
+        states: (L, 5) states of the step before, columns as `later`.
+        was: (L,) regimes of these.
+        chances: (L, 3) probabilities of MTD, CD and W of each in the step.
+        candidates: (K,) indices among the L particles, drawn by their weights.
         dt: time between the steps [s], > 0.
         motion: parameters.
         width2: h^2 of the position and of the velocity.
         u: (M,) uniform in [0, 1).
 
     Returns:
-        (M,) of the L particles.
+        (M,) indices among the L particles.
     """
     M, K = later.shape[0], candidates.shape[0]
     place2, velocity2 = width2
@@ -185,7 +185,12 @@ def parents_of(
 def _standing(
     dt: float, motion: WaypointModel, stood: bool, width2: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Return variance > 0, gain and remaining variance > 0 of `waiting_noise`, and the density factor of both axes."""
+    """Return the position variance, gain and remaining velocity variance of a waiting target, and a density factor.
+
+    The first three are those of `waiting_noise` after a time `dt` [s], variances per axis and not below `width2`
+    (squared kernel widths of position and velocity) or `MIN_STEP_VARIANCE`. The factor is 1 / (variance * remaining
+    variance), that of the densities of both axes. `stood`: the target was already waiting before the step.
+    """
     variance, gain, left = waiting_noise(dt, motion, stood)
     variance, left = max(variance, width2[0], MIN_STEP_VARIANCE), max(left, width2[1], MIN_STEP_VARIANCE)
     return variance, gain, left, 1.0 / (variance * left)

@@ -83,9 +83,10 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, mo
 
 @kernel
 def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """Linearise a range, log range or range difference at (x, y), as `linearise` does bearings.
+    """Linearise a range, log range or range difference z, a row of `measurements`, at (x, y).
 
-    The variance is positive.
+    Return the residual (measured minus expected), the derivatives of the expected value by x and y, and the variance of
+    the reading, > 0.
     """
     dx, dy = x - z[X0], y - z[Y0]
     d = math.sqrt(max(dx * dx + dy * dy + z[RISE2], CLOSEST))
@@ -100,9 +101,10 @@ def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, flo
 
 @kernel
 def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """Linearise measurement row z at (x, y): residual, its derivatives by x and y, and its variance.
+    """Linearise measurement z, a row of `measurements`, at (x, y).
 
-    The variance is -1 where the position is behind the camera or at the sensor.
+    Return the residual (measured minus expected), the derivatives of the expected value by x and y, and the variance of
+    the residual; -1 as variance where the position is behind the camera or at the sensor.
     """
     dx, dy = x - z[X0], y - z[Y0]
     if z[KIND] >= RANGE:
@@ -124,12 +126,15 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
 
 
 def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tuple[Ints, Floats]:
-    """Append the measurements of distances, each as a separate sensor report.
+    """Return `first` and `rows` with the measurements of distances appended, each as a separate sensor report.
 
     Args:
         first: (K + 1,) as in `adapt`.
         rows: (M, 12) from `measurements`.
-        measured: m more.
+        measured: m measurements of distances.
+
+    Returns:
+        (K + m + 1,) and (M + m, 12).
     """
     m = len(measured.kind)
     out = np.zeros((m, rows.shape[1]))
@@ -156,7 +161,7 @@ class Laplace(NamedTuple):
 
 @kernel
 def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floats) -> Laplace:
-    """Laplace approximations of the posteriors of n Gaussians.
+    """Laplace approximations of the posteriors of n particles, each with the prior N(m0, p0 I).
 
     Args:
         mean: (n, 2) m0.
@@ -243,13 +248,13 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
 def draw(
     mean: Floats, variance: Floats, mode: Floats, root: Floats, defensive: float, u: Floats, noise: Floats
 ) -> tuple[Floats, Floats]:
-    """Places drawn from the importance densities, and the logarithms of prior over importance density.
+    """Positions drawn from the importance densities, and the logarithms of prior over importance density.
 
     Args:
         mean: (n, 2) m0.
-        variance: (n,) p0.
+        variance: (n,) p0 per axis.
         mode: (n, 2) m, from `adapt`.
-        root: (n, 3) of P, from `adapt`.
+        root: (n, 3) root of P, from `adapt`.
         defensive: share e that is drawn from N(m0, p0 I), 0 to 1.
         u: (n,) uniform in [0, 1).
         noise: (n, 2) standard normal.

@@ -40,7 +40,7 @@ MIN_BEARINGS = 3
 
 
 class PoseErrorBelief(NamedTuple):
-    """Gaussian over the errors of S sensors, and how noisy bearings turned out to be."""
+    """Gaussian over the pose errors (true minus stated) of S sensors, and how noisy bearings turned out to be."""
 
     mean: Floats  # (S, 3) dx, dy, dyaw [rad]
     covariance: Floats  # (3 S, 3 S), rows in the order of mean.ravel()
@@ -85,7 +85,7 @@ def prior_belief(sigma_position: Floats, sigma_yaw: Floats) -> PoseErrorBelief:
 
 
 def jacobians(xy: Floats, positions: Floats) -> tuple[Floats, Floats]:
-    """(n, 2) and (n, 3): how bearings change with the target's position, and with each sensor's errors.
+    """(n, 2) and (n, 3): derivatives of bearings [rad] by the target's position, and by each sensor's dx, dy, dyaw.
 
     Args:
         xy: (2,) the target.
@@ -98,7 +98,14 @@ def jacobians(xy: Floats, positions: Floats) -> tuple[Floats, Floats]:
 
 
 def residuals(xy: Floats, sights: LabelledBearings, positions: Floats, mean: Floats) -> Floats:
-    """(n,) reported minus expected bearings [-pi, pi) for a target at (2,), given (S, 3) errors."""
+    """(n,) reported minus expected bearings in [-pi, pi), for given pose errors.
+
+    Args:
+        xy: (2,) position of the target.
+        sights: n bearings.
+        positions: (S, 2) stated positions of the sensors.
+        mean: (S, 3) errors dx, dy, dyaw [rad] by which the poses are corrected.
+    """
     error = mean[sights.sensor]
     away = xy - positions[sights.sensor] - error[:, :2]
     difference = sights.bearing + error[:, 2] - np.arctan2(away[:, 1], away[:, 0])
@@ -106,18 +113,20 @@ def residuals(xy: Floats, sights: LabelledBearings, positions: Floats, mean: Flo
 
 
 def spread(xy: Floats, which: Ints, positions: Floats, belief: PoseErrorBelief) -> Floats:
-    """(n,) variance [rad^2] of bearings to (2,) that comes from the errors of sensors `which`: J C J^T.
+    """(n,) variance [rad^2] of bearings to `xy` (2,) that comes from the pose errors of sensors `which` (n,): J C J^T.
 
-    This is [Ercan] Eq. 2's calibration part for any covariance, in angles.
+    This is [Ercan] Eq. 2's calibration part for any covariance, in angles. `positions` are those stated of all S
+    sensors.
     """
     by_error = jacobians(xy, positions[which])[1]
     return np.asarray(np.einsum("ni,nij,nj->n", by_error, belief.blocks[which], by_error))
 
 
 def meeting_point(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> Floats | None:
-    """(2,) position that agrees best with the bearings, by Gauss-Newton from `start`; None if missing near.
+    """(2,) position that agrees best with the bearings, by Gauss-Newton from `start` (2,); None if none is near it.
 
-    It must be in front of every sensor and not much nearer to one of them than to the others.
+    It must be in front of every sensor and not much nearer to one of them than to the others. `positions` (S, 2) are
+    the stated ones, `mean` (S, 3) the errors dx, dy, dyaw [rad] by which they are corrected.
     """
     root = 1.0 / np.sqrt(sights.variance)
     centres = positions[sights.sensor] + mean[sights.sensor, :2]
@@ -211,7 +220,7 @@ def update(belief: PoseErrorBelief, sights: LabelledBearings, positions: Floats,
 
 
 def _log_density(y: Floats, covariance: Floats) -> float:
-    """Return the log density of a zero-mean Gaussian at y, up to the constant."""
+    """Return the log density at y (n,) of a zero-mean Gaussian with `covariance` (n, n), without the term of 2 pi."""
     return float(-0.5 * (y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1]))
 
 
@@ -254,7 +263,15 @@ def solve(
 def _round(
     now: PoseErrorBelief, scans: Sequence[LabelledBearings], positions: Floats, starts: Floats, deviation: Floats
 ) -> PoseErrorBelief:
-    """Perform one Gauss-Newton iteration of `solve` from the belief of the previous one."""
+    """Return the belief after one Gauss-Newton iteration of `solve`.
+
+    Args:
+        now: belief of the previous iteration, at which scans are linearised.
+        scans: T scans.
+        positions: (S, 2) stated positions.
+        starts: (T, 2) roughly where the target was.
+        deviation: (3 S,) prior standard deviations of the errors, in the order of `mean.ravel()`.
+    """
     information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
     excess, count = 0.0, 0.0
     for sights, start in zip(scans, starts, strict=True):

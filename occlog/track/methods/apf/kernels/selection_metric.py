@@ -41,7 +41,10 @@ class CameraMoments(NamedTuple):
 
 
 def views(xy: Floats, cameras: Sequence[int], sensors: Sensors) -> Bools:
-    """Return (N, L) booleans: whether each camera's view of each of (L, 2) positions is free of static obstacles."""
+    """Return (N, L) booleans: each of `cameras` (N rows of `sensors`) has a free view of each position in `xy` (L, 2).
+
+    The position is within its field of view and range, and no static obstacle is between.
+    """
     return np.array([seen_from(xy, i, sensors) for i in cameras]).reshape(len(cameras), len(xy))
 
 
@@ -179,7 +182,7 @@ def _centred(xy: Floats, weights: Floats) -> tuple[Floats, Floats]:
 
 
 def mean_square_errors(moments: CameraMoments, subsets: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> Floats:
-    """(n,) metric of n subsets (n, k) of the N cameras, between 0 and Tr(Sigma_x).
+    """(n,) metric of n subsets of the N cameras, between 0 and Tr(Sigma_x); `subsets` (n, k) has indices into them.
 
     Cameras that cannot see the target add nothing, and neither do directions in which
     Sigma_Z is not positive (its terms are expectations over different particles).
