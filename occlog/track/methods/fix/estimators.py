@@ -50,10 +50,10 @@ class Folded(NamedTuple):
 
 
 def crossings(positions: Floats, bearings: Floats) -> Floats:
-    """(n, n, 2) where line i is crossed by line j, if that is ahead of i; NaN elsewhere.
+    """(n, n, 2) where line of sight i is crossed by line j, if that is ahead of sensor i; NaN elsewhere.
 
-    Ahead of j it need not be: Lenth's published figures come out only if the half-line of the
-    sensor that the median is taken for meets whole lines.
+    `positions` (n, 2) are the sensors', `bearings` (n,) in [rad]. Ahead of j it need not be: Lenth's published figures
+    come out only if the half-line of the sensor that the median is taken for meets whole lines.
     """
     towards = np.column_stack([np.cos(bearings), np.sin(bearings)])
     dx, dy = towards[:, 0], towards[:, 1]
@@ -115,7 +115,7 @@ class Fix(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """Lenth's estimating equations, linear in the position, evaluated at a position."""
+    """Lenth's estimating equations, matrix @ xy = right, linear in the position for the distances at a given one."""
 
     matrix: Floats  # (2, 2)
     right: Floats  # (2,)
@@ -154,7 +154,10 @@ def fix(
 
 
 def _psi(estimator: str, bend: float) -> Callable[[Floats], Floats]:
-    """Return the weight function psi(t) / t of an M-estimator with bend (tuning constant) `bend`."""
+    """Return the weight function psi(t) / t of an M-estimator, of an array of normalised residuals t >= 0; `mle`: 1.
+
+    `bend` is the tuning constant, in standard deviations.
+    """
     if estimator == "huber":
         return lambda t: np.minimum(1.0, bend / np.maximum(t, 1e-300))
     if estimator == "andrews":
@@ -171,7 +174,16 @@ def inverse_kappa(mean_cosine: float) -> float:
 def _m_estimate(
     positions: Floats, bearings: Floats, share: Floats, stated: float, psi: Callable[[Floats], Floats], learned: bool
 ) -> Fix | None:
-    """Return the M-estimate started from the least-squares point; if it diverges, from the repeated median."""
+    """Return the M-estimate from the least-squares point or, if that diverges, the repeated median; None if both do.
+
+    Args:
+        positions: (n, 2) of the sensors.
+        bearings: (n,) [rad].
+        share: (n,) precisions of the bearings, relative to their mean.
+        stated: mean stated precision, the concentration kappa unless it is learned [1/rad^2].
+        psi: weight of a bearing by its normalised residual.
+        learned: estimate kappa from the residuals.
+    """
     for start in (None, repeated_median(positions, bearings)):
         found = _iterate(positions, bearings, share, stated, psi, learned, start)
         if found is not None:
@@ -188,7 +200,17 @@ def _iterate(
     learned: bool,
     start: Floats | None,
 ) -> Fix | None:
-    """Iterate Lenth's equations to a fixed point, updating weights and kappa with the position."""
+    """Iterate Lenth's equations to a fixed point, with new weights and kappa at each position; None if it diverges.
+
+    Args:
+        positions: (n, 2) of the sensors.
+        bearings: (n,) [rad].
+        share: (n,) precisions of the bearings, relative to their mean.
+        stated: mean stated precision, the concentration kappa unless it is learned [1/rad^2].
+        psi: weight of a bearing by its normalised residual.
+        learned: estimate kappa from the residuals.
+        start: (2,) first position; None: the least-squares point.
+    """
     n = len(bearings)
     weights, kappa, xy = np.ones(n), stated, start
     for iteration in range(ITERATIONS):
@@ -213,10 +235,10 @@ def _iterate(
 
 
 def _fix_at(xy: Floats, equations: _Equations, weights: Floats, kappa: float, learned: bool) -> Fix | None:
-    """Return the position with Lenth's covariance.
+    """Return the position `xy` with Lenth's covariance.
 
     It is 1/kappa times the inverse of the symmetric part of the equations' matrix; None if that is not positive
-    definite.
+    definite. `weights` (n,) and `learned` (kappa is from the residuals) are passed on.
     """
     information = 0.5 * (equations.matrix + equations.matrix.T)
     if not np.linalg.det(information) > 0.0 or not information[0, 0] > 0.0:
@@ -229,7 +251,10 @@ def _directions(positions: Floats, xy: Floats) -> Floats:
 
 
 def _equations(positions: Floats, bearings: Floats, weights: Floats, xy: Floats | None) -> _Equations:
-    """Return Lenth's estimating equations at position xy; None: as if all sensors were equally far away."""
+    """Return Lenth's estimating equations at the position `xy` (2,); None: as if all sensors were equally far away.
+
+    `positions` (n, 2) are the sensors', `bearings` (n,) in [rad], `weights` (n,) those of the bearings.
+    """
     s, c = np.sin(bearings), np.cos(bearings)
     # Relative to the sensors' centre, or large coordinates of maps would cost digits.
     centre = positions.mean(axis=0)
@@ -258,7 +283,19 @@ def _solved(equations: _Equations) -> Floats | None:
 def _median(
     positions: Floats, bearings: Floats, share: Floats, stated: float, jackknife: bool, learned: bool
 ) -> Fix | None:
-    """Return the repeated-median position with covariance by the jackknife, or from the stated standard deviations."""
+    """Return the repeated-median position with covariance by the jackknife, or from the stated standard deviations.
+
+    Args:
+        positions: (n, 2) of the sensors.
+        bearings: (n,) [rad].
+        share: (n,) precisions of the bearings, relative to their mean.
+        stated: mean stated precision [1/rad^2].
+        jackknife: correct the position's bias by the jackknife, if it is defined.
+        learned: take covariance and kappa from the residuals, if the jackknife is defined.
+
+    Returns:
+        None if no lines cross, or if the covariance is not defined.
+    """
     xy = repeated_median(positions, bearings)
     if xy is None:
         return None
@@ -273,7 +310,11 @@ def _median(
 
 
 def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
-    """Return the Fisher information (2, 2) of the position for unit concentration kappa."""
+    """Return equations of which the matrix is the Fisher information (2, 2) of the position `xy` for kappa = 1.
+
+    Their right side is 0. `positions` (n, 2) are the sensors', `share` (n,) the bearings' precisions relative to their
+    mean.
+    """
     away = xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)
     across = np.column_stack([-away[:, 1], away[:, 0]]) / squared[:, None]
@@ -281,7 +322,10 @@ def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
 
 
 def _ahead(positions: Floats, bearings: Floats, found: Fix) -> bool:
-    """Return whether the position is in front of the majority of the weighted sensors, and of at least two."""
+    """Return whether a position is finite and in front of at least two sensors, with most of the bearings' weight.
+
+    `positions` (n, 2) are the sensors', `bearings` (n,) in [rad]; `found` is the position with its weights.
+    """
     ahead: Bools = np.cos(bearings - _directions(positions, found.xy)) > 0.0
     counted = found.weights[ahead].sum()
     finite = bool(np.isfinite(found.covariance).all() and np.isfinite(found.xy).all())
@@ -365,6 +409,13 @@ def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: F
     An error of a bearing displaces the target across by the error times the distance; its mean square is that of the
     estimate plus its variance along the line of sight. For nearly parallel lines of sight, a mode next to a sensor
     would otherwise appear too precise.
+
+    Args:
+        xy: (M, 2) modes.
+        covariance: (M, 2, 2) without that uncertainty.
+        inlier: (M, n) probability that each bearing is true.
+        positions: (n, 2) of the sensors.
+        sigma: (n,) standard deviations of the bearings [rad].
     """
     away = xy[:, None, :] - positions[None]
     squared = np.maximum((away**2).sum(axis=2), 1e-24)
@@ -375,7 +426,10 @@ def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: F
 
 
 def spread_of(found: Modes, *, pooled: bool) -> Floats:
-    """Return the (2, 2) second moment of all modes about the first, with pooled or stated scales."""
+    """Return the (2, 2) second moment of all modes about the first, by their probabilities.
+
+    `pooled`: scale each mode's covariance by its residuals (`pooled_factor`); otherwise it is as stated.
+    """
     factor = np.ones(len(found.xy))
     if pooled:
         squares = np.einsum("mn,mn->m", found.inlier_probability, np.minimum(found.residual**2, 1e6))
@@ -387,7 +441,17 @@ def spread_of(found: Modes, *, pooled: bool) -> Floats:
 
 
 def _at(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> tuple[Floats, Floats, Floats]:
-    """Return normalised residuals (M, n), inlier probabilities (M, n) and gradients (M, n, 2) of bearings."""
+    """Return normalised residuals (M, n), inlier probabilities (M, n) and gradients (M, n, 2) of n bearings.
+
+    Gradients are those of the expected bearings, over sigma.
+
+    Args:
+        xy: (M, 2) positions.
+        positions: (n, 2) of the sensors.
+        bearings: (n,) [rad].
+        sigma: (n,) standard deviations [rad].
+        bend: standard deviations at which a bearing is as likely false as true.
+    """
     away = xy[:, None, :] - positions[None]
     off = bearings - np.arctan2(away[..., 1], away[..., 0])
     residual = ((off + np.pi) % (2.0 * np.pi) - np.pi) / sigma
@@ -398,14 +462,17 @@ def _at(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: fl
 
 
 def _cost(residual: Floats, bend: float) -> Floats:
-    """Return (M,) negative log likelihoods of residuals (M, n), up to a constant."""
+    """Return (M,) negative log likelihoods of normalised residuals (M, n), up to a constant.
+
+    `bend`: standard deviations at which a bearing is as likely false as true.
+    """
     return np.asarray(-np.logaddexp(-0.5 * residual**2, -0.5 * bend**2).sum(axis=1))
 
 
 def _climbed(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Floats:
-    """Return (M, 2) modes reached from start positions.
+    """Return (M, 2) modes of the likelihood reached from start positions `xy` (M, 2), which are not changed.
 
-    The search is reweighted Gauss-Newton with step halving until the cost falls.
+    The search is reweighted Gauss-Newton with step halving until the cost falls; other arguments are those of `modes`.
     """
     xy = xy.copy()
     scale = np.hypot(*(positions - positions.mean(axis=0)).T).max() + 1e-300

@@ -29,7 +29,7 @@ POINTS, MODE_CHI2 = 48, 16.0
 
 
 class Region(NamedTuple):
-    """Rectangle of possible target positions."""
+    """Rectangle of possible target positions, in the scene's unit."""
 
     low: Floats  # (2,)
     high: Floats  # (2,)
@@ -45,7 +45,10 @@ class FalseLines(NamedTuple):
 
 
 def depends_on_one(found: Modes, positions: Floats, sigma: Floats) -> bool:
-    """Return whether the first mode would be (nearly) undetermined without one of its inlier bearings."""
+    """Return whether the first mode would be (nearly) undetermined without one of its inlier bearings.
+
+    `positions` (n, 2) are the sensors', `sigma` (n,) standard deviations of the bearings [rad].
+    """
     inlier = found.inlier_probability[0]
     if np.count_nonzero(inlier >= 0.5) <= 2:
         return True
@@ -113,7 +116,10 @@ def _variances(found: Modes) -> Floats:
 
 
 def _inside(positions: Floats, bearings: Floats, region: Region) -> tuple[Floats, Floats]:
-    """Return (n,) entry and exit distances of n bearing rays for a region; equal where a ray misses it."""
+    """Return (n,) entry and (n,) exit distances of n bearing rays for a rectangle; equal where a ray misses it.
+
+    `positions` (n, 2) are where the rays begin, `bearings` (n,) their directions [rad].
+    """
     ahead = np.column_stack([np.cos(bearings), np.sin(bearings)])
     ahead = np.where(np.abs(ahead) < 1e-12, 1e-12, ahead)
     one, other = (region.low - positions) / ahead, (region.high - positions) / ahead

@@ -77,7 +77,10 @@ class BearingLines(NamedTuple):
 
 
 class LineAndDistanceResiduals(NamedTuple):
-    """Normalised residuals (M, n + m) of lines and distances at M positions, and gradients (M, n + m, 2)."""
+    """Normalised residuals (M, n + m) of n lines and m distances at M positions, and the gradients of what is expected.
+
+    Gradients (M, n + m, 2) are by x and y, in standard deviations per unit of length.
+    """
 
     residual: Floats
     gradient: Floats
@@ -131,7 +134,7 @@ def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | N
 
 
 def has_rival_mode(found: Modes) -> bool:
-    """Whether a false measurement may be among those that are accepted at the first mode.
+    """Return whether a false measurement may be among those that are accepted at the first mode.
 
     Two tests: whether other positions, at which fewer agree, are possible; and the sum of squares of the residuals,
     which is chi-squared with a degree of freedom for each measurement that is accepted but the two that fix a position.
@@ -144,7 +147,7 @@ def has_rival_mode(found: Modes) -> bool:
 
 
 def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -> LineAndDistanceResiduals:
-    """Return normalised residuals and gradients of lines of sight, then of distances, at (M, 2) positions."""
+    """Return normalised residuals and gradients of lines of sight, then of distances, at positions `xy` (M, 2)."""
     away = xy[:, None, :] - lines.positions[None]
     off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
     turned = ((off + np.pi) % (2.0 * np.pi) - np.pi) / lines.sigma
@@ -159,10 +162,11 @@ def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -
 def _moment(
     lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, xy: Floats, narrow: Floats
 ) -> Floats:
-    """Return the (2, 2) second moment of the inlier likelihood about a mode, integrated over a grid.
+    """Return the (2, 2) second moment of the inlier likelihood about the mode `xy` (2,), integrated over a grid.
 
-    The grid is regular in the coordinates of the mode's Gaussian with covariance `narrow`. Where circles touch, this
-    Gaussian is much longer than the likelihood and is shortened.
+    The grid is regular in the coordinates of the mode's Gaussian with covariance `narrow` (2, 2). Where circles touch,
+    this Gaussian is much longer than the likelihood and is shortened. `errors` are the error model of lines, then
+    distances.
     """
     at_point = measured_at(lines, distances, xy[None]).residual[0]
     inlier = 1.0 - np.exp(np.minimum(-0.5 * errors.bend**2 - log_density(at_point, errors), 0.0))
@@ -187,6 +191,8 @@ def _starts(
     lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, scale: float
 ) -> tuple[Floats, Floats, float, Bools]:
     """Return start positions for the maximisation.
+
+    `errors` are the error model of lines, then distances; `scale` is the length from `_extent`.
 
     Returns:
         (K, 2) positions where two measurements agree, (G, 2) the best positions of a grid, its step, and (G, n) the
@@ -232,20 +238,29 @@ def _evenly(rows: Ints) -> Ints:
 
 
 def _pairs(differs: Bools) -> list[list[int]]:
-    """Return pairs of measurements with at least one range difference (intersected on a grid, not in closed form)."""
+    """Return at most `PAIRS` pairs of indices of measurements that include a range difference.
+
+    Such pairs are intersected on a grid, not in closed form. `differs` (n,): the measurement is a range difference.
+    """
     n = len(differs)
     every = ([i, i + offset] for offset in range(1, n) for i in range(n - offset))
     return [pair for pair in every if differs[pair].any()][:PAIRS]
 
 
 def _meetings(soft: Floats) -> Ints:
-    """Return flat indices of grid positions where two measurements intersect, from their (G, 2) residuals."""
+    """Return flat indices of grid positions where two measurements intersect.
+
+    `soft` (GRID^2, 2) has their residuals at the grid's positions, in standard deviations.
+    """
     low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), MAX_STARTS)
     return np.asarray(low[(np.abs(soft[low]) <= START_GATE_SIGMAS).all(axis=1)])
 
 
 def _widened(at: LineAndDistanceResiduals, wide: float) -> Floats:
-    """Return (M, n) residual variances with a position error of standard deviation `wide` added."""
+    """Return (M, n) variances of normalised residuals (1 for exact positions), with a position error added.
+
+    `wide` is the standard deviation of that error per axis, in the scene's unit.
+    """
     return np.asarray(1.0 + wide**2 * np.sum(at.gradient**2, axis=2))
 
 
@@ -259,7 +274,7 @@ def _local_minima(cost: Floats, most: int) -> Ints:
 
 
 def _line_crossings(lines: BearingLines) -> Floats:
-    """Return (K, 2) intersections of lines of sight ahead of both sensors."""
+    """Return (K, 2) positions where two lines of sight cross ahead of both sensors."""
     if len(lines.sigma) < 2:
         return np.empty((0, 2))
     points = crossings(lines.positions, lines.bearings)
@@ -269,9 +284,10 @@ def _line_crossings(lines: BearingLines) -> Floats:
 
 
 def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
-    """Return (K, 2) intersections of each two of m circles.
+    """Return (K, 2) intersections of each two of m circles with centres `centre` (m, 2) and radii `radius` (m,).
 
-    Two positions for each pair, which are both the position between them if the circles do not meet.
+    Two positions for each pair, which are both the position between them if the circles do not meet; none for circles
+    with one centre.
     """
     i, j = np.triu_indices(len(radius), 1)
     to = centre[j] - centre[i]
@@ -287,7 +303,11 @@ def _circle_crossings(centre: Floats, radius: Floats) -> Floats:
 
 
 def _leaving(lines: BearingLines, centre: Floats, radius: Floats) -> Floats:
-    """Return (K, 2) intersections of half-lines with circles, or the points of closest approach."""
+    """Return (2 n m, 2) intersections of n half-lines with m circles of `centre` (m, 2) and `radius` (m,).
+
+    A half-line that misses a circle gives its point nearest to the centre; one that begins within, its beginning in
+    place of the intersection behind it.
+    """
     ahead = np.column_stack([np.cos(lines.bearings), np.sin(lines.bearings)])[:, None, :]
     to = centre[None] - lines.positions[:, None, :]
     along = np.einsum("nki,nki->nk", to, np.broadcast_to(ahead, to.shape))
@@ -309,12 +329,12 @@ def _climbed(
     """Return (K, 2) modes reached from start positions: reweighted Gauss-Newton with step halving.
 
     Args:
-        xy: (K, 2) starts.
+        xy: (K, 2) starts, not changed.
         lines: of sight.
         distances: measurements of them.
-        errors: of all n.
-        scale: size of the position.
-        wide: error of the position that standard deviations hold also; 0 in the end.
+        errors: error model of all n measurements, lines first.
+        scale: length from `_extent`, to which the tolerance is relative.
+        wide: standard deviation of a position error that is added to all residuals; 0 in the end.
         own: (K, n) which measurements each start counts; None: all.
     """
     xy = xy.copy()
@@ -352,7 +372,8 @@ def _climbed(
 def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: DistanceErrors) -> Floats:
     """Return (M,) log likelihoods of positions being inside the room, treated as one more (possibly false) measurement.
 
-    Its residual is the distance outside the room over the largest standard deviation of the position.
+    Its residual is the distance outside the room over the largest standard deviation of the position; `information`
+    (M, 2, 2) is the inverse of its covariance. Without a room all are 0.
     """
     if room is None:
         return np.zeros(len(xy))
@@ -366,7 +387,7 @@ def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: Di
 
 
 def _cost(residual: Floats, errors: DistanceErrors) -> Floats:
-    """Return (M,) negative log likelihoods of residuals, up to a constant."""
+    """Return (M,) negative log likelihoods of normalised residuals (M, n) under the error model, up to a constant."""
     return np.asarray(-log_density(residual, errors).sum(axis=1))
 
 

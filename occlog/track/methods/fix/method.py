@@ -42,7 +42,7 @@ UNVERIFIED, POSSIBLE_OUTLIER = "unverified", "possible_outlier"
 
 
 class FixState(NamedTuple):
-    """State of method `fix`: settings, sensors and the running count of false bearings."""
+    """State of method `fix`: settings, sensors (cameras, then arrays), and the running count of false bearings."""
 
     config: FixConfig
     positions: Floats  # (S, 2), as in `sensor_names`
@@ -53,7 +53,10 @@ class FixState(NamedTuple):
 
 
 def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
-    """Return the state before the first scan: settings, ground positions of cameras and arrays, and the room."""
+    """Return the state before the first scan: settings, ground positions of cameras and arrays, and the room.
+
+    Without a room the region of possible targets is the sensors' bounding box with a margin. `rng` is not used.
+    """
     found = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
     positions = np.array(found, dtype=np.float64).reshape(-1, 2)
     width = np.array([c.fov for c in scene.cameras] + [2.0 * math.pi] * len(scene.arrays))
@@ -64,7 +67,10 @@ def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: 
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
-    """Return the scan's position estimate; None if undetermined."""
+    """Return the state with new counts of false bearings, and the scan's position estimate; None if undetermined.
+
+    The estimate depends on earlier scans by those counts alone, and has no velocity; `rng` is not used.
+    """
     config = state.config
     # Associate: rows of the target, and the candidates that agree best
     rows = _rows(state, scan)
@@ -113,7 +119,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
 
 
 def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements) -> Estimate | None:
-    """Return the position from bearings and distances; None if undetermined.
+    """Return the position from the bearings of scan rows `rows` and from distances; None if undetermined.
 
     UsageError for an estimator that takes bearings alone.
     """
@@ -160,7 +166,10 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
 
 
 def _fallback(found: Modes, spread: str) -> str:
-    """Return the reason why a position is doubtful: rival modes, only two measurements, or a possible false one."""
+    """Return why a position is doubtful ("" if it is not): rival modes, two measurements, or a possible false one.
+
+    `spread` is the setting `covariance`; with `stated`, two measurements are not doubtful.
+    """
     if len(found.xy) > 1 and found.probability[1] >= MIN_SECOND_MODE_PROBABILITY:
         return AMBIGUOUS
     inlier = found.inlier_probability[0]
@@ -172,9 +181,10 @@ def _fallback(found: Modes, spread: str) -> str:
 
 
 def _mixture(state: FixState, sensor: Ints, bearings: Floats, sigma: Floats) -> tuple[FixState, Fix | None]:
-    """Return the position by the mixture of true and false bearings.
+    """Return the state with new counts of false bearings, and the position by the mixture of true and false bearings.
 
-    Weights are probabilities that bearings are true.
+    `sensor` (n,) are rows of `state.positions`, `bearings` and `sigma` (n,) in [rad]. Weights of the position are
+    probabilities that bearings are true; it is None if undetermined.
     """
     config, positions = state.config, state.positions[sensor]
     found = modes(positions, bearings, sigma, config.bent)
@@ -194,7 +204,10 @@ def _mixture(state: FixState, sensor: Ints, bearings: Floats, sigma: Floats) -> 
 
 
 def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
-    """Return the position by an estimator of [Lenth]; weights are those of the bearings."""
+    """Return the position by an estimator of [Lenth], with covariance by `config.covariance`; None if undetermined.
+
+    `positions` (n, 2) are the sensors', `bearings` (n,) in [rad], `sigma` (n,) stated standard deviations [rad].
+    """
     pooled, median = config.covariance == "pooled", config.estimator in ("rmr", "jrmr")
     learned = config.covariance == "residuals" or (pooled and not median)
     fixed = fix(positions, bearings, sigma, config.estimator, config.bent, learned)
@@ -208,12 +221,15 @@ def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Fl
 
 
 def _inlier_probabilities(residual: Floats) -> Floats:
-    """Return probabilities that bearings with these normalised residuals at the position are true."""
+    """Return (n,) probabilities that bearings are true, by their normalised residuals (n,) and the default bend."""
     return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - BENDS[MIXTURE] ** 2), 700.0))))
 
 
 def _expected(positions: Floats, sigma: Floats, found: Fix) -> Floats:
-    """Return the expected variance of each residual of a true bearing: 1 minus its leverage."""
+    """Return (n,) expected variances of the normalised residuals of true bearings at `found`: 1 minus the leverage.
+
+    `positions` (n, 2) are the sensors', `sigma` (n,) standard deviations of the bearings [rad].
+    """
     away = found.xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)
     across = np.column_stack([-away[:, 1], away[:, 0]]) / (squared * sigma)[:, None]
@@ -223,7 +239,7 @@ def _expected(positions: Floats, sigma: Floats, found: Fix) -> Floats:
 
 
 def _rows(state: FixState, scan: Scan) -> Ints:
-    """Return the scan rows used: those labelled as the target, and unlabelled candidates that agree with them."""
+    """Return indices of the scan rows used: those labelled as the target, and unlabelled candidates that agree."""
     usable = scan.seen & np.isfinite(scan.bearing) & np.isfinite(scan.sigma) & (scan.sigma > 0.0)
     if state.config.candidates == "ignore":
         usable &= scan.labelled
@@ -234,7 +250,11 @@ def _rows(state: FixState, scan: Scan) -> Ints:
 
 
 def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
-    """Return at most one row per sensor: those consistent with the intersection supported by most sensors."""
+    """Return at most one of the scan rows `rows` for each sensor: those that agree on a crossing of two lines of sight.
+
+    The crossing is the one with the least sum of squared residuals, each limited to the gate. Of more rows than
+    `MAX_PAIRS` pairs allow, unlabelled and then uncertain ones are left out.
+    """
     if len(rows) ** 2 > MAX_PAIRS:
         keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MAX_PAIRS**0.5)]
         rows = rows[np.sort(keep)]
