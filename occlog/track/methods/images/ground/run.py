@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 
 
 def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Triangulate positions and write them; return the summary and the losses recorded in the view tracks."""
+    """Triangulate ground positions from the request's view tracks, and write them.
+
+    Return the figures of the summary, and the losses recorded in the view tracks. InputError for a recording,
+    UsageError for a camera that the scene does not have.
+    """
     view_tracks = open_input(request.view_tracks)
     if view_tracks.recording is not None:
         raise InputError(
@@ -50,7 +54,10 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
 
 
 def _as_tracked(made: Provenance) -> dict[str, object]:
-    """Return settings that follow from the parameters of the view tracks; 0 for those that the tracks do not state."""
+    """Return settings of `ground` that follow from how the view tracks were made.
+
+    `window_s` is 0 and so is `initial_switch_probability` if their parameters do not state it.
+    """
     window, births = made.parameters.get("window_ns", 0), made.parameters.get("births", "")
     return {
         "window_s": window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0,
@@ -59,7 +66,7 @@ def _as_tracked(made: Provenance) -> dict[str, object]:
 
 
 class GroundSummary:
-    """Figures of the summary, counted while streaming."""
+    """Counts of `occlog ground`, added up part by part, and the figures of the summary made of them."""
 
     def __init__(self) -> None:
         """Start with all counts at 0."""
@@ -74,7 +81,7 @@ class GroundSummary:
         self.targets.update(dict.fromkeys(part.tracks.target_id.tolist()))
 
     def check(self, where: str) -> None:
-        """Raise InputError if no target has a position at any time."""
+        """Raise InputError if no target has a position at any time; `where` names the input in the message."""
         if not self.counts["times"]:
             raise InputError(
                 f"{where}: has no rows of these cameras, so that no position can be triangulated; choose others",
@@ -96,11 +103,11 @@ class GroundSummary:
         return {name: self.counts[name] for name in ("single_view", "parallel", "behind", "inconsistent")}
 
     def summary(self) -> dict[str, object]:
-        """The figures of the summary.
+        """Return the figures of the summary.
 
-        times: of targets with a tracker in some view.  views: positions by the number of views that made them.
-        left_out: views that did not agree with the others.  no_place: times without a position, and why.
-        The rest is of `GroundConsistency`.
+        targets: identities.  times: of targets with a tracker in some view.  rows: positions.  views: positions by the
+        number of views that made them.  skipped: views that did not agree with the others.  not_triangulated: times
+        without a position, by reason.  The rest is of `GroundConsistency`.
         """
         views = {k.removeprefix("views_"): n for k, n in sorted(self.counts.items()) if k.startswith("views_")}
         return {

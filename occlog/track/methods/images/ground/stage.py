@@ -170,13 +170,21 @@ def ground_tracks(
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
-    """Return (R,) rows of the selected cameras with the tracker on its target."""
+    """Return (R,) booleans: the row is of a selected camera (all, if none is selected), its tracker on its target."""
     wanted = ~np.isin(chunk.lifecycle, ("left", "terminated"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
 
 def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int | None, seen: int) -> None:
-    """Raise InputError for decreasing times and for cameras without a pose."""
+    """Raise InputError if times decrease, or a camera in use has no pose.
+
+    Args:
+        chunk: rows of view tracks, not empty.
+        scene: with the poses.
+        cameras: those in use; empty: all.
+        last_ns: time of the last row of earlier chunks; None: there is none.
+        seen: number of earlier rows, for the message.
+    """
     if last_ns is not None and chunk.t_ns[0] < last_ns:
         raise InputError(
             f"view tracks: row {seen}: time {time_words(chunk.t_ns[0])} comes after "
@@ -191,7 +199,10 @@ def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int
 
 
 def _starts(table: ViewTracks, window_ns: int) -> Ints:
-    """Return the first row of each time step: rows within the window belong together, unless a camera appears twice."""
+    """Return the first row of each time step, for rows in the order of time.
+
+    A time step has the rows within `window_ns` of its first time; it ends sooner where a camera would appear twice.
+    """
     times, first = np.unique(table.t_ns, return_index=True)
     if window_ns <= 0:
         return first.astype(np.int64)
@@ -208,7 +219,10 @@ def _starts(table: ViewTracks, window_ns: int) -> Ints:
 def _part(
     table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig, exchanges: SwitchProbabilities
 ) -> GroundTracksPart:
-    """Triangulate all targets at the time steps starting at rows `starts`."""
+    """Triangulate all targets at the time steps that begin at rows `starts` (of `table`), each at its step's last time.
+
+    `exchanges` is updated with the contradictions of the views.
+    """
     if not len(table):
         return GroundTracksPart(FusedTracks.empty(), Counter(), 0.0, 0)
     step = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
@@ -268,7 +282,16 @@ def _possible_identity_switches(
     contest: ViewContradictions,
     sights: CentresInViews,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) covariances that include possible identity exchanges, and (N,) their probabilities."""
+    """Return (N, 3, 3) covariances that include possible identity exchanges, and (N,) the probabilities of these.
+
+    Args:
+        exchanges: updated, time step by time step.
+        keys: (N, 2) time step and target of each position, sorted.
+        t_ns: (N,) times.
+        met: N positions.
+        contest: their covariances without exchanges, and how probably the views contradict each other.
+        sights: centres in V views.
+    """
     covariance, exchanged = contest.covariance.copy(), np.zeros(len(keys))
     views = sights.there.sum(axis=1)
     for rows in np.split(np.arange(len(keys)), np.flatnonzero(np.diff(keys[:, 0])) + 1):
@@ -279,7 +302,7 @@ def _possible_identity_switches(
 
 
 def _rig(cameras: Sequence[Camera]) -> CameraRig:
-    """Return the cameras' parameters as arrays."""
+    """Return the parameters of V cameras as arrays."""
     return CameraRig(
         focal=np.array([c.focal_px for c in cameras]),
         principal=np.array([c.principal_px for c in cameras]),
@@ -293,8 +316,15 @@ def _sights(
 ) -> CentresInViews:
     """Return undistorted image centres (N, V, 2) of N points in V views, and their covariances (N, V, 2, 2).
 
-    Each covariance is the tracker's plus that of the target's centre about the ellipse's centre, which is
-    `centre_error_share` of its half axes.
+    Each covariance is the tracker's plus that of the target's centre about the ellipse's centre.
+
+    Args:
+        table: R rows of view tracks.
+        point: (R,) index of each row's point.
+        view: (R,) index of each row's camera.
+        points: N.
+        cameras: V cameras.
+        model_share: standard deviation of the target's centre about the ellipse's, as a share of the half axes.
     """
     shape = (points, len(cameras))
     there, pixels = np.zeros(shape, dtype=np.bool_), np.zeros((*shape, 2))
@@ -373,7 +403,7 @@ def _joined(mask: Bools, words: Sequence[str]) -> Strings:
 
 
 def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
-    """Return the counts of one part; see `GroundTracksPart`."""
+    """Return the counts of N points, with the keys that `GroundTracksPart` explains."""
     good = met.status == MET
     counts: Counter[str] = Counter(times=len(good))
     for views in met.used.sum(axis=1)[good].tolist():
@@ -399,17 +429,17 @@ FLAGS = {
 
 
 class GroundConsistency:
-    """Counts of quality flags over a stream of chunks."""
+    """Counts of quality flags and of squared residuals over a stream of parts, and the findings about them."""
 
     def __init__(self) -> None:
-        """Start all counts at 0."""
+        """Start with all counts at 0."""
         self._doubts: Counter[str] = Counter()
         self._rows: Counter[int] = Counter()
         self._alone: Counter[int] = Counter()
         self._nis, self._freedom = 0.0, 0
 
     def add(self, part: GroundTracksPart) -> None:
-        """Count some more rows."""
+        """Add the rows of a part to the counts."""
         self._nis += part.nis
         self._freedom += part.freedom
         for target, doubt in zip(part.tracks.target_id.tolist(), part.tracks.quality_flags.tolist(), strict=True):
@@ -427,7 +457,10 @@ class GroundConsistency:
         }
 
     def findings(self, check: str) -> tuple[Check, ...]:
-        """Return the findings about doubtful positions."""
+        """Return the findings about positions with quality flags, from single views, or with large residuals.
+
+        `check` is the name of the check that they belong to.
+        """
         total = sum(self._rows.values())
         found = [
             finding(check, id, count=self._doubts[flag], rows=total)

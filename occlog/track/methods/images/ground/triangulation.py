@@ -60,7 +60,7 @@ class CentresInViews(NamedTuple):
     covariance: Floats  # (N, V, 2, 2) [px^2], positive definite
 
     def take(self, rows: Bools | Ints) -> CentresInViews:
-        """Select points by a mask or indices."""
+        """Return the points selected by a mask (N,) or by indices."""
         return CentresInViews(self.there[rows], self.pixels[rows], self.covariance[rows])
 
 
@@ -91,7 +91,7 @@ class LeastSquares(NamedTuple):
     rig: CameraRig
 
     def take(self, rows: Bools | Ints) -> LeastSquares:
-        """Select points by a mask or indices."""
+        """Return the problem of the points selected by a mask (N,) or by indices."""
         return self._replace(sights=self.sights.take(rows), weights=self.weights[rows], known=self.known[rows])
 
 
@@ -138,14 +138,17 @@ def triangulate_points(
 
 
 def _rays(pixels: Floats, rig: CameraRig) -> Floats:
-    """(N, V, 3) unit vectors along the lines of sight."""
+    """(N, V, 3) unit vectors in the world along the lines of sight through undistorted `pixels` (N, V, 2)."""
     local = np.concatenate([(pixels - rig.principal) / rig.focal, np.ones((*pixels.shape[:2], 1))], axis=2)
     rays = np.einsum("vij,nvj->nvi", rig.rotation, local)
     return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
 
 
 def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
-    """Return (N,) largest sine of the angle between two lines of sight of a point; 0 for fewer than two lines."""
+    """Return (N,) largest sine of the angle between two lines of sight of a point; 0 for fewer than two lines.
+
+    `rays` (N, V, 3) are unit vectors; only views that show the point count.
+    """
     widest = np.zeros(len(rays))
     for i in range(rays.shape[1]):
         for j in range(i):
@@ -155,7 +158,7 @@ def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
 
 
 def _start(rays: Floats, problem: LeastSquares) -> Floats:
-    """Return (N, 3) initial positions: least squares of the lines of sight.
+    """Return (N, 3) initial positions: least squares of the lines of sight with unit vectors `rays` (N, V, 3).
 
     For a single line it is the point at the prior height.
     """
@@ -196,9 +199,9 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
 
 
 def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
-    """Return (N, 3) positions and (N,) costs after a step halved until the cost does not grow.
+    """Return (N, 3) positions and (N,) costs after a `step` (N, 3), halved until `cost` (N,) does not grow.
 
-    Both stay as they were for points without such a step.
+    Steps are from `here` (N, 3). Points without such a step within `HALVINGS` halvings stay as they were.
     """
     size = np.ones(len(here))
     for _ in range(HALVINGS):
@@ -212,14 +215,14 @@ def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) 
 
 
 def _ridge(matrix: Floats) -> Floats:
-    """Return (N, 3, 3) small multiples of the identity that make singular matrices regular."""
+    """Return (N, 3, 3) multiples of the identity, 1e-14 of the traces, that make singular matrices regular."""
     return np.asarray(1e-14 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3))
 
 
 def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
-    """Return (N, V, 2) reprojection residuals (measured minus expected) [px], and positions (N, V, 3) in camera axes.
+    """Return (N, V, 2) reprojection residuals of positions `xyz` (N, 3), and these in camera axes (N, V, 3).
 
-    Residuals are NaN behind a camera.
+    Residuals are measured minus expected [px], 0 in a view without the point, NaN behind a camera.
     """
     sights, rig = problem.sights, problem.rig
     local = np.einsum("nvi,vij->nvj", xyz[:, None, :] - rig.centre, rig.rotation)
@@ -229,9 +232,9 @@ def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Fl
 
 
 def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
-    """Return (N,) costs: the sum of squared standardised residuals (N, V, 2) and of the height's.
+    """Return (N,) costs: the sum of squared standardised residuals, and of the height's where its prior counts.
 
-    They are inf behind a camera.
+    `xyz` (N, 3) are the positions, `left` (N, V, 2) residuals there. Costs are inf behind a camera.
     """
     known, height = problem.known, problem.height
     total = np.einsum("nvi,nvij,nvj->n", left, problem.weights, left)
@@ -270,7 +273,7 @@ def triangulate_in_space(
     gate: float = 1e-3,
     min_crossing: float = np.radians(5.0),
 ) -> GroundPosition:
-    """Find the positions of points, and omit single views that are on something else.
+    """Triangulate points, without views that contradict the others.
 
     Views agree when their misfit passes a chi-square test.  Where they do not, the view without
     which the others agree best is omitted, as long as at least two are left; two views that do
@@ -301,13 +304,23 @@ def triangulate_in_space(
 
 
 def _bad(met: GroundPosition, limits: Floats) -> Bools:
-    """Return the points with views that do not agree, or that lie behind one of their views."""
+    """Return (N,) booleans: the point's views do not agree, or it lies behind one of them.
+
+    `limits` are the largest misfits by the number of views used.
+    """
     bad: Bools = (met.status == BEHIND) | ((met.status == MET) & (met.misfit > limits[met.used.sum(axis=1)]))
     return bad
 
 
 def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: float) -> GroundPosition:
-    """Return for each point the best fit that omits one of its views."""
+    """Return for each of N points the best fit that omits one of the views it used; misfit inf if there is none.
+
+    Args:
+        sights: of the points.
+        used: (N, V) views that were used before.
+        rig: the views.
+        min_sine: least sine of the angle at which lines of sight cross.
+    """
     best: GroundPosition | None = None
     for view in range(used.shape[1]):
         there = used.copy()
@@ -326,12 +339,12 @@ def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: 
 
 
 def _taken(met: GroundPosition, rows: Ints) -> GroundPosition:
-    """Return the rows of selected points."""
+    """Return the positions with the indices `rows`."""
     return GroundPosition(met.xyz[rows], met.covariance[rows], met.status[rows], met.used[rows], met.misfit[rows])
 
 
 def _replaced(met: GroundPosition, rows: Ints, others: GroundPosition) -> GroundPosition:
-    """Return the positions with those of selected rows replaced."""
+    """Return a copy of `met` in which the points `rows` are replaced by `others`, in this order."""
     out = GroundPosition(met.xyz.copy(), met.covariance.copy(), met.status.copy(), met.used.copy(), met.misfit.copy())
     for old, new in zip(out, others, strict=True):
         old[rows] = new
@@ -354,7 +367,7 @@ class ViewOdds(NamedTuple):
 
 
 class ViewContradictions(NamedTuple):
-    """Covariances of N positions, and probabilities that their views contradict each other."""
+    """Covariances of N positions, and probabilities that views of theirs are on something else."""
 
     covariance: Floats  # (N, 3, 3) NaN where there is no position
     contested: Floats  # (N,) probability that a view is on something else; 0 for one view, 1 if no views agree
@@ -403,7 +416,17 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) second moments about positions (N, 3) in the views `pattern`, and (N,) weights of the set."""
+    """Return (N, 3, 3) second moments about positions, and (N,) probabilities that all views are on the target.
+
+    Args:
+        xyz: (N, 3) reported positions.
+        sights: of the points, which are all in the same views.
+        pattern: (V,) those views.
+        rig: all views.
+        height: prior for single views; None: they are no hypotheses.
+        odds: of the views.
+        sine: least sine of the angle at which lines of sight cross.
+    """
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
     logs, moments = [], []
     for views in _sets(pattern):

@@ -64,7 +64,7 @@ def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: F
 
 
 def radius(ellipses: Floats) -> Floats:
-    """(N,) radii of the circles of the same area as ellipses (N, 5)."""
+    """(N,) radii [px] of the circles of the same area as ellipses (N, 5)."""
     return np.asarray(np.sqrt(ellipses[:, 2] * ellipses[:, 3]))
 
 
@@ -86,7 +86,7 @@ class Candidate:
 
     @property
     def ellipse(self) -> Floats:
-        """Return the latest ellipse."""
+        """Return the ellipse (5,) of the latest frame."""
         return self.trail[-1][1]
 
 
@@ -155,12 +155,15 @@ def initiate_and_terminate(
 
 
 def _extended(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
-    """Return a trail with a new entry appended, cut to its last `keep` entries."""
+    """Return a trail with ellipse (5,) of time step `now` appended, cut to its last `keep` entries."""
     return (*trail, (now, ellipse))[-keep:]
 
 
 def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Floats:
-    """Return the regions (K, 5) large enough for a birth and, as configured, not cut by the image edge."""
+    """Return those of the regions (K, 5) that are large enough for a birth: half axes of at least `birth_min_size_px`.
+
+    Without `birth_allow_truncated` those that the image edge cuts are omitted, too.
+    """
     low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
     good = (regions[:, 2:4] >= config.birth_min_size_px).all(axis=1)
     if not config.birth_allow_truncated:
@@ -170,7 +173,7 @@ def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Flo
 
 
 def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float) -> Floats:
-    """Return the regions (K, 5) farther than `separation` sums of radii from every tracker."""
+    """Return those of the regions (K, 5) that are farther than `separation` sums of radii from every tracker (5,)."""
     if not trackers or not len(regions):
         return regions
     near = nearness(np.vstack([regions, *trackers]))[: len(regions), len(regions) :]
@@ -178,9 +181,10 @@ def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float)
 
 
 def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
-    """Return this frame's candidates.
+    """Return this frame's candidates, one for each region (K, 5).
 
-    Each region continues a touching candidate of the last frame, nearest pairs first, or starts one.
+    A region continues a touching candidate of the last frame (`before`), nearest pairs first, or starts one; other
+    candidates are dropped. `now` is the time step; trails keep their last `keep` entries.
     """
     n = len(regions)
     earlier = dict.fromkeys(range(n), Candidate((), 0))
@@ -198,9 +202,10 @@ def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int)
 def _ends(
     state: BirthCandidates, regions: Sequence[Floats | None], trackers: Mapping[TrackerKey, Floats], config: ViewsConfig
 ) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
-    """Count frames without a supporting region.
+    """Count frames without a supporting region, and end the trackers that have had none for long.
 
     Return the state with the counts, and the trackers ended after `max_coasting_frames` such frames in a row.
+    `regions` are (K, 5) of each view (None: frame not processed, which counts as no frame), `trackers` ellipses (5,).
     """
     before = {key: state.unsupported.get(key, 0) for key in trackers}
     unsupported: dict[TrackerKey, int] = {}
@@ -219,9 +224,10 @@ def _ends(
 def _supported(
     mine: Sequence[TrackerKey], trackers: Mapping[TrackerKey, Floats], regions: Floats, before: Mapping[TrackerKey, int]
 ) -> list[TrackerKey]:
-    """Return the trackers supported by a touching region, one each.
+    """Return the trackers of `mine` (those of one view) that a touching region supports, one region each.
 
-    Of several, the one supported last gets the region.
+    Of several trackers at a region, the one supported last gets it. `trackers` are ellipses (5,), `regions` (K, 5),
+    `before` the frames in a row without support.
     """
     if not mine or not len(regions):
         return []
@@ -237,7 +243,15 @@ def _supported(
 def _births(
     state: BirthCandidates, geometry: ViewGeometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
 ) -> tuple[BirthCandidates, tuple[Birth, ...]]:
-    """Return the state after the births in all views, and the births, view by view."""
+    """Return the state after the births in all views, and the births, view by view.
+
+    Args:
+        state: with this frame's candidates.
+        geometry: between the views.
+        config: settings.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
+        gone: trackers that ended in this time step; their targets do not restart in that view now.
+    """
     births: list[Birth] = []
     for v in range(len(state.candidates)):
         state, born = _births_in(state, v, geometry, config, bottom, gone)
@@ -253,7 +267,10 @@ def _births_in(
     bottom: bool,
     gone: Collection[TrackerKey],
 ) -> tuple[BirthCandidates, list[Birth]]:
-    """Births in view v."""
+    """Return the state after the births in view `v`, without their candidates, and these births.
+
+    The other arguments are those of `_births`.
+    """
     candidates = _without_doubles(state.candidates[v], config.birth_min_distance)
     free = _free_targets(state.trails, v)
     misfit = np.array([[_misfit(c.trail, v, t, state.trails, geometry, bottom) for t in free] for c in candidates])
@@ -276,7 +293,7 @@ def _births_in(
 
 
 def _without_doubles(candidates: Sequence[Candidate], separation: float) -> tuple[Candidate, ...]:
-    """Return the candidates without those within `separation` sums of radii of a longer-lived candidate."""
+    """Return the candidates, without those within `separation` sums of radii of a candidate with more frames."""
     order = sorted(range(len(candidates)), key=lambda c: -candidates[c].count)
     if len(order) < 2:
         return tuple(candidates)
@@ -289,7 +306,7 @@ def _without_doubles(candidates: Sequence[Candidate], separation: float) -> tupl
 
 
 def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
-    """Return the targets tracked in other views but not in view v."""
+    """Return the sorted identities of targets with a tracker (a key of `trails`) in other views but not in view `v`."""
     mine = {target for view, target in trails if view == v}
     return sorted({target for _, target in trails} - mine)
 
@@ -297,9 +314,10 @@ def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
 def _misfit(
     trail: Trail, v: int, target: int, trails: Mapping[TrackerKey, Trail], geometry: ViewGeometry, bottom: bool
 ) -> float:
-    """Return the worst view's mean loop distance between a candidate's trail and a target, in radii.
+    """Return the mean loop distance between a candidate's trail in view `v` and a target's trackers, in radii.
 
-    It is inf where no fundamental matrix is known, no frame is shared, or the distance exceeds 1.
+    Of several trackers the largest counts. It is inf where no fundamental matrix is known, no frame is shared, or the
+    distance exceeds 1. `bottom`: compare the lowest points of ellipses; else their centres.
     """
     worst = -np.inf
     for (w, other), theirs in trails.items():
@@ -318,9 +336,9 @@ def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -
     """Decide which target a candidate belongs to.
 
     Args:
-        misfit: (candidates, targets).
-        c: the candidate.
-        candidate: the same.
+        misfit: (candidates, targets) from `_misfit`, at most 1 where they fit.
+        c: row of the candidate.
+        candidate: the candidate.
         config: settings.
 
     Returns:

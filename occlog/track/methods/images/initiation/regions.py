@@ -40,13 +40,16 @@ class DetectorRegions(NamedTuple):
 
 
 def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Floats:
-    """Return (N, 5) ellipses inscribed in boxes."""
+    """Return (N, 5) ellipses inscribed in upright boxes, from their left, top, width and height (N,) [px]."""
     rows = [left + 0.5 * width, top + 0.5 * height, 0.5 * width, 0.5 * height, np.zeros(len(left))]
     return np.column_stack(rows)
 
 
 def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[DetectorRegions]:
-    """Generate regions from boxes of a detector; frames without a row count as not processed."""
+    """Generate regions, chunk by chunk, from a detector's boxes of at least `min_confidence` or of unknown confidence.
+
+    Rows without a box state that the frame was processed; frames without a row were not.
+    """
     for c in chunks:
         there = (c.box >= 0) & ~(c.confidence < min_confidence)
         yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
@@ -109,7 +112,10 @@ class RegionStream:
             self._until = int(chunk.t_ns[-1])
 
     def _take(self, name: str, t_ns: int) -> Floats | None:
-        """Return and remove the regions of one camera and time from the buffer."""
+        """Return the regions (K, 5) of one camera and time, and remove them from the buffer.
+
+        None if the detector did not process the frame.
+        """
         rows = self._rows.pop((name, t_ns), [] if self.sparse else None)
         if rows is None:
             return None
@@ -149,7 +155,7 @@ def moving_regions(
 
 
 def _size(scene: Scene, view: TrackedView, config: DetectConfig) -> SizeMap | None:
-    """Return the expected image sizes of people from the camera's pose; None if unknown."""
+    """Return the expected image sizes of people in a view, from the camera's pose; None if unknown."""
     return known_sizes(scene.camera(view.name), scene, (view.width, view.height), config)
 
 
@@ -166,12 +172,15 @@ def with_cameras(scene: Scene | None, views: Sequence[TrackedView]) -> Scene:
 
 
 def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Sequence[TrackedView]) -> dict[str, SizeMap]:
-    """Measure the median size of the blobs that differ from the empty scene, the same all over the image.
+    """Measure the median height of the blobs that differ from the empty scene; sizes are equal all over the image.
 
     Args:
         frames: in the order of time.
-        empty: images of the empty scene, may be shrunk.
+        empty: images of the empty scene by camera, may be shrunk.
         views: views of the wanted sizes; a view without blobs gets none.
+
+    Returns:
+        Sizes by camera.
     """
     heights: dict[str, list[float]] = {view.name: [] for view in views}
     n_frames = dict.fromkeys(heights, 0)
@@ -194,7 +203,10 @@ def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Seque
 
 
 def _heights(image: Image, empty: Image) -> list[float]:
-    """Return heights [px] of blobs that do not touch the image edge."""
+    """Return heights [px of `image`] of blobs that differ from the `empty` scene and do not touch the image edge.
+
+    `empty` may be shrunk by a whole factor; if its shape does not fit, there are no blobs.
+    """
     factor = max(1, image.shape[0] // empty.shape[0])
     small = downscale(image, factor)
     if small.shape != empty.shape:

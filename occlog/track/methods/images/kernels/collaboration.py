@@ -86,7 +86,7 @@ def repulsion(x: float, y: float, mine: Floats, estimate: Floats, touching: Bool
 
 @kernel
 def half_reach(one: Floats, other: Floats) -> float:
-    """Return the mean support radius of two ellipses (5,) along the line between their centres."""
+    """Return the mean support radius [px] of two ellipses (5,) along the line between their centres."""
     theta = math.atan2(other[1] - one[1], other[0] - one[0])
     total = 0.0
     for e in (one, other):
@@ -167,7 +167,7 @@ class WeighingModel(NamedTuple):
 
 @kernel
 def neighbours(estimate: Floats, camera: Ints, touch: float, close: float) -> Neighbours:
-    """Neighbours of ellipses (n, 5) within their views (n,).
+    """Find the neighbours of ellipses `estimate` (n, 5) within their views `camera` (n,).
 
     Two touch when their distance is at most `touch` times the sum of their radii along the
     line between them, and are close at `close` times it.

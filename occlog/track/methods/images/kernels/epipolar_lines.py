@@ -203,7 +203,18 @@ def lines_into(
     fundamental: Floats,
     bottom: bool,
 ) -> int:
-    """Write the epipolar lines of a tracker's counterparts to the first rows of `lines` (V, 3); return their number."""
+    """Write the epipolar lines of a tracker's counterparts to the first rows of `lines`, and return their number.
+
+    Args:
+        lines: (V, 3) changed in place; a line is (l1, l2, l3) of unit normal (l1, l2), in undistorted pixels.
+        i: row of the tracker.
+        estimate: (n, 5).
+        affine: (n, 2, 3) from recorded to undistorted pixels.
+        view: (n,).
+        counterpart: (n, V) tracker of the same target in another view; -1: none.
+        fundamental: (V, V, 3, 3), [a, b] from view a to lines in view b.
+        bottom: the lowest point of an ellipse represents the target; else its centre.
+    """
     known = 0
     for v in range(counterpart.shape[1]):
         j = counterpart[i, v]

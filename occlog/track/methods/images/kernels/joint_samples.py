@@ -47,7 +47,10 @@ def overlap(one: Floats, two: Floats) -> float:
 
 @kernel
 def crowding(ellipse: Floats, pool: Floats, held: Ints, i: int) -> float:
-    """Return the sum of the overlaps of an ellipse (5,), as target i, with all other targets pool[held[j]], j != i."""
+    """Return the sum of the overlaps of an ellipse (5,) with all targets but `i`, of which it is a proposal.
+
+    Target j is at pool[held[j]]; `pool` is (S, 5), `held` (n,).
+    """
     total = 0.0
     for j in range(held.shape[0]):
         if j != i:

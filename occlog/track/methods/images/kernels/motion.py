@@ -114,7 +114,7 @@ def mean_into(out: Floats, particles: Floats, weights: Floats) -> None:
 
 @kernel
 def weights_and_means(particles: Floats, log_weights: Floats) -> tuple[Floats, Floats]:
-    """Return normalised weights (n, N) from log weights (n, N), and mean ellipses (n, 5)."""
+    """Return weights (n, N) of sum 1, from log weights (n, N), and mean ellipses (n, 5) of `particles` (n, N, 5)."""
     weights, mean = np.empty(log_weights.shape), np.empty((particles.shape[0], 5))
     for i in range(particles.shape[0]):
         normalise_into(weights[i], log_weights[i])
@@ -124,7 +124,10 @@ def weights_and_means(particles: Floats, log_weights: Floats) -> tuple[Floats, F
 
 @kernel
 def covariance_and_ess(particles: Floats, weights: Floats, mean: Floats) -> tuple[Floats, Floats]:
-    """Covariances (n, 3) of the centres (xx, xy, yy) about the mean (n, 5), and effective sample sizes (n,)."""
+    """Covariances (n, 3) of the centres (xx, xy, yy) [px^2] about `mean` (n, 5), and effective sample sizes (n,).
+
+    `particles` are (n, N, 5), `weights` (n, N) with sums of 1.
+    """
     n = particles.shape[0]
     out, ess = np.zeros((n, 3)), np.empty(n)
     for i in range(n):
@@ -142,7 +145,10 @@ def covariance_and_ess(particles: Floats, weights: Floats, mean: Floats) -> tupl
 
 @kernel
 def resampled(particles: Floats, weights: Floats, u: Floats) -> Floats:
-    """Particles (n, N, 5) of equal weight by systematic resampling; u (n,) from U[0, 1)."""
+    """Draw (n, N, 5) particles of equal weight by systematic resampling, for each tracker by itself.
+
+    `particles` are (n, N, 5), `weights` (n, N) with sums of 1, `u` (n,) uniform in [0, 1).
+    """
     out = np.empty_like(particles)
     for i in range(particles.shape[0]):
         ancestors = systematic_ancestors(weights[i], particles.shape[1], u[i])

@@ -57,7 +57,15 @@ class ViewSamples(NamedTuple):
 def joint_samples(
     state: VisualState, config: McmcConfig, frames: FrameSet, arrival: FrameContext, rng: Generator
 ) -> TrackerParticles:
-    """Move, weigh and resample the targets of each view jointly."""
+    """Move, weigh and resample the targets of each view jointly, by the sampler of the settings.
+
+    Args:
+        state: before the frame.
+        config: settings.
+        frames: of one time.
+        arrival: which of the n trackers have a frame; the particles of others stay.
+        rng: draws.
+    """
     t = state.trackers
     n, count = t.particles.shape[:2]
     out = TrackerParticles(
@@ -125,7 +133,7 @@ def run_sir(frame: ViewFrame, rng: Generator) -> ViewSamples:
 
 
 def _resampled(samples: ViewSamples, rng: Generator) -> Floats:
-    """Return (n, N, 5) joint samples of equal weight, resampled systematically."""
+    """Return (n, N, 5) joint samples of equal weight, resampled systematically by their weights."""
     ancestors = systematic_ancestors(
         normalise_log_weights(samples.log_weights)[0], len(samples.log_weights), rng.random()
     )
@@ -133,7 +141,7 @@ def _resampled(samples: ViewSamples, rng: Generator) -> Floats:
 
 
 def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> Floats:
-    """Return (P, 5) ellipses after the motion step, of the view's targets `owner` (P,)."""
+    """Return (P, 5) ellipses after the motion step; ellipse p is of the view's target `owner[p]` (0 to n - 1)."""
     t, rows = frame.state.trackers, frame.rows[owner]
     after = moved(
         ellipses[:, None],
@@ -147,6 +155,9 @@ def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> F
 
 
 def _weighed(frame: ViewFrame, ellipses: Floats, owner: Ints) -> tuple[Floats, Floats]:
-    """Return (P,) colour similarities and (P,) local log likelihoods of ellipses (P, 5) of targets `owner` (P,)."""
+    """Return (P,) colour similarities and (P,) local log likelihoods of ellipses (P, 5) of targets `owner` (P,).
+
+    `owner` are numbers from 0 to n - 1 among the view's targets.
+    """
     boxes = np.concatenate([boxes_of(ellipses[None, owner == i]) for i in range(len(frame.rows))])
     return local_likelihood(frame.state, frame.frames, frame.arrival.own, boxes, ellipses, frame.rows[owner])

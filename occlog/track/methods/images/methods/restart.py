@@ -46,7 +46,7 @@ SAME_TARGET_RADII = 0.5
 
 
 def affine_maps(state: VisualState, estimate: Floats) -> Floats:
-    """(n, 2, 3) maps from recorded pixels to those without distortion, linearised at the estimates (n, 5)."""
+    """(n, 2, 3) maps from recorded to undistorted pixels, linearised at the centres of `estimate` (n, 5)."""
     t = state.trackers
     out = np.repeat(IDENTITY[None], len(t.view), axis=0)
     for v, ideal in enumerate(state.geometry.ideal):
@@ -81,14 +81,17 @@ def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Im
 
 
 def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> ImageTrackers:
-    """Check for the first time the pairs that have never been checked; the others stay as they are."""
+    """Return the trackers after a first loop check of the pairs that were never checked, which decides their status.
+
+    Other pairs keep theirs.
+    """
     t = state.trackers
     good, streak, checked = _first(t, _check(state, config, np.ones(len(t.view), dtype=np.bool_)), t.good, t.streak)
     return t._replace(good=good, streak=streak, checked=checked)
 
 
 def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
-    """Return (n, V) loop-check results; unknown where an estimate is old."""
+    """Return (n, V) outcomes of `loop_check`; `UNKNOWN` where one of both estimates is not `fresh` (n,)."""
     t = state.trackers
     found = loop_check(
         t.estimate,
@@ -102,7 +105,10 @@ def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
 
 
 def _first(t: ImageTrackers, check: Ints, good: Bools, streak: Ints) -> tuple[Bools, Ints, Bools]:
-    """Return `good`, `streak` and `checked`, where the first check of a pair decides its status at once."""
+    """Return `good`, `streak` and `checked` (n, V), where the first check of a pair decides its status at once.
+
+    `check` (n, V) are the outcomes, `good` and `streak` the status after them of pairs that were checked before.
+    """
     first = ~t.checked & (check != UNKNOWN)
     return np.where(first, check == TOGETHER, good), np.where(first, 0, streak), t.checked | first
 
@@ -113,7 +119,7 @@ def counterpart_status(t: ImageTrackers) -> Ints:
 
 
 def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
-    """Return (n, V) row of the assisting tracker in each view: a good counterpart with a fresh estimate.
+    """Return (n, V) row of the assisting tracker in each view: a good counterpart with a fresh estimate, `fresh` (n,).
 
     The row is -1 for a view without one.
     """
@@ -136,7 +142,9 @@ EVERY = 5
 
 
 def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> VisualState:
-    """Restart the first tracker that is wrong and for which there is a position.
+    """Return the state after the restart of the first tracker that is wrong and for which a position is found.
+
+    Without such a tracker it is `state`.
 
     Args:
         state: after the frame.
@@ -161,13 +169,20 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
 
 
 def _views_agree(t: ImageTrackers, i: int, j: int) -> bool:
-    """Return whether at least half of the view pairs of the two trackers are good, so that the geometry fits."""
+    """Return whether at least half of the checked pairs between the views of trackers `i` and `j` (rows) are good.
+
+    The geometry of the two views then fits.
+    """
     pairs = (t.view == t.view[i]) & t.checked[:, t.view[j]]
     return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
 
 
 def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, frames: FrameSet) -> Floats | None:
-    """Return the ellipse (5,) on counterpart `guide`'s epipolar line most similar to tracker i's target, or None."""
+    """Return the ellipse on an epipolar line that is most similar in colours to the target of tracker `i`.
+
+    The line is that of tracker `guide`, a counterpart; positions outside the image or at other trackers do not count.
+    None if the similarity is below `restart_similarity`, or without a frame.
+    """
     t, v = state.trackers, int(state.trackers.view[i])
     view = state.views[v]
     if frames.images[v] is None:
@@ -186,7 +201,10 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
 
 
 def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) -> Floats:
-    """Return (K, 5) ellipses along the epipolar line of a counterpart, with tracker i's reference axes and angle."""
+    """Return (K, 5) ellipses, `STEP_PX` apart, along the epipolar line in tracker i's view of its counterpart `guide`.
+
+    They have tracker i's reference axes and angle, and reach as far as the image is large, both ways from its estimate.
+    """
     t, bottom = state.trackers, config.bottom
     maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
     x, y = anchor(t.estimate[guide], maps[guide], bottom)
@@ -203,7 +221,7 @@ def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) 
 
 
 def _moved_to(t: ImageTrackers, i: int, position: Floats) -> ImageTrackers:
-    """Move tracker i to another position with zero velocity.
+    """Return the trackers with tracker `i` (row) moved to `position` (5,) at zero velocity; a copy.
 
     Its counterparts stay bad until checks succeed in a row.
     """

@@ -142,7 +142,10 @@ def is_masked(frames: FrameSet, view: int) -> bool:
 
 
 def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
-    """Set the bins inside the boxes but not `inside` (H, W) to `OUTSIDE`, in place."""
+    """Set the bins (H, W) in boxes (n, 4) but not `inside` (H, W) to `OUTSIDE`, in place.
+
+    Boxes are left, top, right and bottom, half-open.
+    """
     for left, top, right, bottom in boxes.tolist():
         part = slice(max(top, 0), max(bottom, 0)), slice(max(left, 0), max(right, 0))
         bins[part][~inside[part]] = OUTSIDE
@@ -216,7 +219,7 @@ NO_APPEARANCE: AppearanceModels = {}
 
 
 class ImageTrackers(NamedTuple):
-    """n trackers, ordered by view and target."""
+    """State of n trackers, in the order of view and target."""
 
     view: Ints  # (n,)
     target: Ints  # (n,)
@@ -243,7 +246,7 @@ class FrameClock(NamedTuple):
 
 
 class VisualState(NamedTuple):
-    """State of a method, see `occlog.track.methods.images.interface`."""
+    """State of all trackers of all V views between time steps; `advance` makes the next one."""
 
     views: tuple[TrackedView, ...]
     geometry: ViewGeometry
@@ -280,7 +283,17 @@ def both_directions(geometry: ViewGeometry) -> ViewGeometry:
 def _at_rest(
     view: Ints, target: Ints, ellipse: Floats, colours: Floats, split: Bools, views: int, config: MipfConfig
 ) -> ImageTrackers:
-    """Return trackers with all particles at ellipses (n, 5), zero velocity and no counterparts."""
+    """Return n trackers with all particles at their ellipses, zero velocity and no counterparts.
+
+    Args:
+        view: (n,) index of the view.
+        target: (n,) identity.
+        ellipse: (n, 5).
+        colours: (n, WIDTH) from `colours_in`.
+        split: (n,) the colours are those of the upper and the lower half.
+        views: V, the number of views.
+        config: settings.
+    """
     n, memory = len(view), config.memory if isinstance(config, IdmotConfig) else 1
     return ImageTrackers(
         view=view,
@@ -320,12 +333,12 @@ def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) 
 
 
 def keys_of(trackers: ImageTrackers) -> list[TrackerKey]:
-    """Return view and target of each tracker."""
+    """Return (view, target) of each tracker."""
     return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
 
 
 def _initiated(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> ImageTrackers:
-    """Return new trackers with the colours in the frames."""
+    """Return trackers at the ellipses of the births (n of them), with the colours there in the frames."""
     config = state.config
     ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
     split = upright(ellipse, config.halves)
@@ -345,7 +358,7 @@ def _initiated(state: VisualState, frames: FrameSet, births: Sequence[Birth]) ->
 
 
 def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> Bytes:
-    """Bring a view's map of bins up to date inside boxes (n, 4), and return it.
+    """Bring a view's map of colour bins up to date inside `boxes` (n, 4), in place, and return it (H, W).
 
     Raises:
         ValueError: the view has no frame.
@@ -359,7 +372,7 @@ def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> 
 
 
 def _paired(trackers: ImageTrackers, views: int) -> ImageTrackers:
-    """Find the counterparts of all trackers; the loop check starts over for pairs that changed."""
+    """Return the trackers with counterparts in `views` views; the loop check starts over for pairs that changed."""
     row = {key: i for i, key in enumerate(keys_of(trackers))}
     counterpart = np.full((len(trackers.view), views), -1)
     for (view, target), i in row.items():
@@ -376,7 +389,7 @@ def _paired(trackers: ImageTrackers, views: int) -> ImageTrackers:
 
 
 def keep_trackers(state: VisualState, keep: Bools) -> VisualState:
-    """Remove the trackers for which `keep` (n,) is false."""
+    """Return the state without the trackers for which `keep` (n,) is false."""
     if keep.all():
         return state
     trackers = _paired(ImageTrackers._make(field[keep] for field in state.trackers), len(state.views))
@@ -384,13 +397,13 @@ def keep_trackers(state: VisualState, keep: Bools) -> VisualState:
 
 
 def end_trackers(state: VisualState, keys: Sequence[TrackerKey]) -> VisualState:
-    """Remove the trackers of these views and targets; keys without a tracker change nothing."""
+    """Return the state without the trackers with these (view, target) keys; keys without a tracker change nothing."""
     gone = set(keys)
     return keep_trackers(state, np.array([key not in gone for key in keys_of(state.trackers)], dtype=np.bool_))
 
 
 def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
-    """Set the latest frame times of the views; the same frames again change nothing."""
+    """Return the state with the latest frame times of the views; frames of a known time change nothing."""
     clock = state.clock
     have = np.array([image is not None for image in frames.images]) & (clock.t_ns != frames.t_ns)
     interval = np.where(clock.t_ns >= 0, frames.t_ns - clock.t_ns, np.nan)
@@ -404,12 +417,12 @@ def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
 
 
 def gaps(clock: FrameClock, t_ns: int) -> Floats:
-    """Return (V,) frame counts of each view from its latest frame to a time: integers from 1 to `LONGEST`."""
+    """Return (V,) frames of each view from its latest frame to a time: whole numbers from 1 to `LONGEST`, as floats."""
     return np.clip(np.round(ages(clock, t_ns)), 1.0, LONGEST)
 
 
 def ages(clock: FrameClock, t_ns: int) -> Floats:
-    """(V,) time since each view's last frame over the median of its last intervals; 1 where that is not known.
+    """(V,) time at `t_ns` since each view's last frame, over the median of its last intervals; 1 if that is unknown.
 
     Of an even number of intervals the upper one of the two in the middle counts.
     """

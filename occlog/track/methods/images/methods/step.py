@@ -27,7 +27,10 @@ from .weigh import FrameContext, TrackerParticles, arrival_of, likeness_of_estim
 
 
 def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
-    """Add trackers as `add_trackers`, and check new pairs where the method checks the loop of views."""
+    """Return the state with a tracker for each birth; the view of each must have a frame (else ValueError).
+
+    Where the method checks the loop of views, new pairs are checked at once.
+    """
     state, config = add_trackers(state, frames, births), state.config
     if isinstance(config, LoopCheckConfig):
         state = state._replace(trackers=check_new_pairs(state, config))
@@ -57,9 +60,9 @@ def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[Visua
 def advance_with(
     state: VisualState, frames: FrameSet, arrival: FrameContext, samples: TrackerParticles
 ) -> tuple[VisualState, TrackerOutlines]:
-    """Update all trackers with the weighted particles of one time step.
+    """Update all trackers with the weighted particles of one time step: `advance` without the proposal and weighting.
 
-    This is `advance` without the proposal and weighting.
+    Return the next state, without the trackers that ended, and the estimates of this time.
     """
     config, here = state.config, arrival.here
     after = _updated(state.trackers, arrival, samples, config)
@@ -83,7 +86,10 @@ def advance_with(
 
 
 def _updated(t: ImageTrackers, arrival: FrameContext, samples: TrackerParticles, config: MipfConfig) -> ImageTrackers:
-    """Return trackers with this frame's particles and estimates, and updated velocity, path and checks."""
+    """Return the trackers with this frame's particles and estimates, and with updated velocity, path, size and `weak`.
+
+    `t` are the trackers before the frame.
+    """
     # Update the velocity: exponential mean of the displacements
     step = (samples.estimate[:, :2] - t.estimate[:, :2]) / arrival.gap[:, None]
     velocity = config.keep_velocity * t.velocity + (1.0 - config.keep_velocity) * step
@@ -105,7 +111,7 @@ def _updated(t: ImageTrackers, arrival: FrameContext, samples: TrackerParticles,
 
 
 def _where(rows: Bools, one: ImageTrackers, other: ImageTrackers) -> ImageTrackers:
-    """Merge two sets of trackers: rows (n,) from the first, others from the second."""
+    """Return trackers merged from two sets of n: those with `rows` (n,) true from `one`, the rest from `other`."""
     if rows.all():
         return one
     pairs = zip(one, other, strict=True)
@@ -132,7 +138,10 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
 
 
 def _outlines(state: VisualState, here: Bools, samples: TrackerParticles, event: Ints) -> TrackerOutlines:
-    """Return output rows of the trackers with a frame of their view."""
+    """Return output rows of the trackers `here` (n,), which have a frame of their view.
+
+    `event` (n,) is the lifecycle.
+    """
     t, rows, checked = state.trackers, np.flatnonzero(here), isinstance(state.config, LoopCheckConfig)
     return TrackerOutlines(
         view=t.view[rows],

@@ -77,7 +77,7 @@ class LocalWeights(NamedTuple):
 
 
 def arrival_of(state: VisualState, frames: FrameSet) -> FrameContext:
-    """Return which trackers have a frame, and a region of their own, at one time step."""
+    """Return, for the n trackers, which have a frame in this time step, how old their last is, and own regions."""
     t = state.trackers
     here = np.array([image is not None for image in frames.images])[t.view]
     age, gap = ages(state.clock, frames.t_ns)[t.view], gaps(state.clock, frames.t_ns)[t.view]
@@ -87,7 +87,10 @@ def arrival_of(state: VisualState, frames: FrameSet) -> FrameContext:
 
 
 def local_weights(state: VisualState, frames: FrameSet, arrival: FrameContext, rng: Generator) -> LocalWeights:
-    """Propose particles of all trackers for the frames and weigh them by the images alone."""
+    """Propose particles of all trackers for the frames, and weigh them by the images alone.
+
+    Trackers without a frame in this time step are only moved on. `arrival` is from `arrival_of`.
+    """
     t, c = state.trackers, state.config
     # Propose: by the motion, p(x_t | x_t-1), over as many frames as are missing
     normals = rng.standard_normal(t.particles.shape)
@@ -158,10 +161,7 @@ def local_likelihood(
 
 
 def likeness_of_estimates(state: VisualState, here: Bools) -> Floats:
-    """Return (n,) colour similarities of the estimates where the map of bins is current.
-
-    They are 1 where the view has no frame.
-    """
+    """Return (n,) colour similarities, 0 to 1, of the estimates of trackers `here` (n,); 1 for the others."""
     t = state.trackers
     out = np.ones(len(t.view))
     for v, bins in enumerate(state.bins):

@@ -160,7 +160,11 @@ def in_step(
 
 
 def _groups(frames: Iterable[Frame], index_of: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
-    """Generate groups of frames, one per camera at most, that belong to one time step."""
+    """Generate groups of frames by camera, one per camera at most, that make one time step.
+
+    A group ends at more than `window_ns` from its first frame. `index_of`: cameras of interest, by name. InputError for
+    times that go back.
+    """
     group: dict[str, Frame] = {}
     first = last = None
     for frame in frames:
@@ -205,7 +209,10 @@ def _decode(
 
 
 def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> Image | str:
-    """Decode a frame; return the reason as text if it cannot be used."""
+    """Decode a frame to a plain image, or return as text why it cannot be used.
+
+    It cannot if decoding fails, if 16-bit images have no stated `bits`, or if the size is not the view's.
+    """
     try:
         decoded = decode()
     except InputError as error:
@@ -224,7 +231,13 @@ def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> 
 def _frame_sets(
     groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], index_of: dict[str, int]
 ) -> Iterator[FrameSetImages]:
-    """Yield the time steps of a batch once their frames are decoded."""
+    """Generate the time steps of a batch, waiting until their frames are decoded.
+
+    Args:
+        groups: frames of each time step by camera.
+        jobs: decoding of all the batch's frames of a camera, in the order of the groups.
+        index_of: number of each view by camera name.
+    """
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
         yield _frame_set(group, {name: next(decoded[name]) for name in index_of if name in group}, index_of)
@@ -233,7 +246,13 @@ def _frame_sets(
 def _frame_set(
     group: dict[str, Frame], decoded: dict[str, MaskedImage | str], index_of: dict[str, int]
 ) -> FrameSetImages:
-    """Arrange the frames of one time step by view number (`index_of`)."""
+    """Return a time step with its frames arranged by view number.
+
+    Args:
+        group: frames by camera.
+        decoded: images by camera, or text: why one cannot be used.
+        index_of: number of each view by camera name.
+    """
     number, t_ns = np.full(len(index_of), -1), np.full(len(index_of), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(index_of)
     masks: list[Image | None] = [None] * len(index_of)

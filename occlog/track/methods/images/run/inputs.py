@@ -49,7 +49,7 @@ class ViewsInput:
     """The input recording and everything that image tracking needs of it."""
 
     def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
-        """Open the recording and read the first frames of every camera."""
+        """Open the request's recording, and read scene, geometry and the first frames of every camera."""
         self.request, self.stage = request, stage
         self.given = 0  # first ellipses
         self.opened, self.recording = open_video(request)
@@ -158,7 +158,7 @@ class ViewsInput:
         return RegionStream(regions, True)
 
     def _given(self, path: Path) -> RegionStream:
-        """Return the regions of a file of detections."""
+        """Return the regions of a file of detections: clusters, or boxes."""
         self._detections = opened = open_input(path)
         if opened.recording is None and opened.has(Views):
             return RegionStream(regions_of_views(opened.rows(Views)), True)
@@ -209,7 +209,10 @@ def open_video(request: ViewsRequest) -> tuple[Opened, McapRecording]:
 
 
 def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the cameras to track in; UsageError for one that has no images."""
+    """Return the names of the cameras to track in, in the recording's order.
+
+    `only`: these alone (empty: all); `without`: not these. UsageError for one that has no images, or if none is left.
+    """
     for name in (*only, *without):
         if name not in recording.cameras:
             raise UsageError(

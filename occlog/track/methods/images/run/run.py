@@ -52,7 +52,7 @@ class ViewsSummary:
     """Summary figures of image tracking, counted while streaming."""
 
     def __init__(self, method: str, inputs: ViewsInput) -> None:
-        """Start with all counts at 0."""
+        """Start with all counts at 0, for tracking with `method` in the views of `inputs`."""
         self.method, self.inputs = method, inputs
         n = len(inputs.views)
         self.rows = 0
@@ -72,7 +72,7 @@ class ViewsSummary:
         self.rows_of: Counter[str] = Counter()
 
     def add(self, part: ViewsPart) -> None:
-        """Add the counts of some time steps."""
+        """Add the counts of a part (the rows of some time steps)."""
         self.rows += len(part.tracks)
         self.rows_of.update(part.tracks.sensor.tolist())
         self.particles.add(part.tracks.ess)
@@ -221,7 +221,7 @@ class ViewsSummary:
         return sorted({*most, *self.dropped})
 
     def _misfit(self, a: int, b: int) -> Check:
-        """Return the finding about the fundamental matrix of two views, with the median loop distance."""
+        """Return the finding about the fundamental matrix of views `a` and `b`, with the median loop distance."""
         distances = self.distances[a, b]
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
@@ -239,7 +239,10 @@ class ViewsSummary:
 
 
 def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Track and write; return the summary, and what was lost."""
+    """Track in images as requested, and write the tables.
+
+    Return the figures of the summary, and the losses of the inputs and of frames that could not be used.
+    """
     config, stage = view_settings(request)
     inputs = ViewsInput(request, stage)
     if request.ground_tracks is not None:
@@ -299,7 +302,7 @@ def run_track_views(request: ViewsRequest, job: Job) -> tuple[dict[str, object],
 
 
 def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:
-    """Raise InputError if no detection coincides with a frame's time."""
+    """Raise InputError if a stream had regions, but none at the time of a frame."""
     if stream is not None and stream.read and not stream.met:
         raise InputError(
             f"{request.detections or request.bearings}: none of its {stream.read} regions is of the time of a frame "
@@ -309,7 +312,7 @@ def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: Views
 
 
 def _written(parts: Iterator[ViewsPart], tables: Tables, summary: ViewsSummary) -> Iterator[ViewTracks]:
-    """Write, count and pass on the tables."""
+    """Generate the view tracks of each part, after they were written to `tables` and counted in `summary`."""
     for part in parts:
         tables.write(output=part.tracks)
         summary.add(part)
