@@ -72,7 +72,7 @@ def no_checks() -> Checks:
 
 
 def gather(parts: Sequence[Checks]) -> Checks:
-    """Concatenate loop checks."""
+    """Return several sets of loop checks as one, in order; an empty set for none."""
     return Checks(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else no_checks()
 
 
@@ -111,7 +111,10 @@ def check_births(
 
 
 def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats]:
-    """Return the ellipses (n, 5) that touch no other of their view (n,), keyed by view and target."""
+    """Return the ellipses that touch no other of their view, keyed by view and target.
+
+    `view` and `target` (n,) are those of `ellipses` (n, 5).
+    """
     rows = {}
     for v in np.unique(view).tolist():
         mine = np.flatnonzero(view == v)
@@ -123,7 +126,14 @@ def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats
 def _checks(
     rows: Mapping[TrackerKey, Floats], geometry: ViewGeometry, bottom: bool, born: Collection[TrackerKey] | None = None
 ) -> Checks:
-    """Return the checks of each target in each pair of views; with `born`, only those involving a starting tracker."""
+    """Return the loop checks of each target in each pair of views with a known fundamental matrix.
+
+    Args:
+        rows: ellipses (5,) by view and target.
+        geometry: of the views.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
+        born: starting trackers; only checks that involve one of them count. None: all checks.
+    """
     parts = []
     known = np.isfinite(geometry.fundamental).all(axis=(2, 3))
     for a, b in zip(*(indices.tolist() for indices in np.nonzero(np.triu(known, 1))), strict=True):
@@ -231,7 +241,7 @@ class ViewsPart(NamedTuple):
 
 @dataclass(frozen=True)
 class _RunState:
-    """State of a run between time steps."""
+    """State of a run between time steps: the method's state, and what births, ends and checks need."""
 
     state: VisualState | None  # of the method; None until the first birth
     geometry: ViewGeometry  # without the matrices that were dropped
@@ -243,7 +253,10 @@ class _RunState:
 
 
 class _MomentResult(NamedTuple):
-    """Result of one time step."""
+    """What one time step gave: frames, outlines of the trackers, births, ends, and loop checks.
+
+    `outlines` is None without a step of the method; `dropped` are pairs of views that lost their fundamental matrix.
+    """
 
     frame_set: FrameSetImages
     outlines: TrackerOutlines | None
@@ -297,7 +310,10 @@ def _advance(
     rng: np.random.Generator,
     stream: RegionStream | None,
 ) -> tuple[_RunState, _MomentResult]:
-    """Update the trackers with the frames of one time step."""
+    """Return the run after the frames of one time step, and what the step gave: outlines, births, ends and checks.
+
+    `stream` has a detector's regions, from which trackers begin and by which they end; None: no detector.
+    """
     outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
     found: tuple[Floats | None, ...] = ()
     if stream is not None:
@@ -337,7 +353,10 @@ def _advance(
 
 
 def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines) -> dict[TrackerKey, Floats]:
-    """Return the trackers after a step with their latest ellipses."""
+    """Return the latest ellipses of the trackers after a step, without those that ended in it.
+
+    `trackers` are the ellipses (5,) before, `outlines` those of the step.
+    """
     out = dict(trackers)
     rows = zip(
         outlines.view.tolist(), outlines.target_id.tolist(), outlines.ellipse, outlines.lifecycle.tolist(), strict=True
@@ -351,10 +370,11 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines)
 
 
 def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
-    """Return the starts with a frame that has come (or was lost) as births.
+    """Return the run without the starts that are due, and these as births.
 
-    None if the target is tracked in that view already. A start with a tracker that ended in this frame waits for the
-    next frame, as a frame has one row per target.
+    A start is due when a frame of its view with its number or a later one is there; it gives no birth if the target is
+    tracked in that view already. A start with a tracker that ended in this frame (`gone`) waits for the next frame, as
+    a frame has one row per target.
     """
     here = [s for s in run.waiting if frames.images[s.view] is not None and frames.number[s.view] >= s.frame]
     due = [s for s in here if (s.view, s.target_id) not in gone]
@@ -365,7 +385,7 @@ def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple
 
 
 def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
-    """Return the tracker ellipses against which births in other views are checked.
+    """Return the tracker ellipses against which births in other views are checked, by view and target.
 
     There are none without collaboration: the trackers of two views may then be on different targets.
     """
@@ -380,7 +400,10 @@ def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> 
 def _without_contradicted(
     run: _RunState, checks: Checks, setup: TrackingSetup
 ) -> tuple[_RunState, tuple[tuple[int, int], ...]]:
-    """Return the run without the fundamental matrices contradicted by births, and the pairs of views dropped now."""
+    """Return the run without the fundamental matrices contradicted by births, and the pairs of views dropped now.
+
+    `checks` are the loop checks of this time step's births.
+    """
     geometry, counts, dropped = drop_contradicted(run.geometry, checks, run.start_counts)
     state = run.state
     if dropped and state is not None and setup.views_help:
@@ -395,7 +418,7 @@ def _begun(
     ended: tuple[TrackerKey, ...],
     setup: TrackingSetup,
 ) -> _RunState:
-    """Return the run with started trackers added and ended ones removed."""
+    """Return the run with trackers added for `births` and without the trackers `ended` (keys of view and target)."""
     state = run.state
     if births and state is None:
         state = initial_state(setup.views, run.geometry, setup.config)
@@ -409,7 +432,7 @@ def _begun(
 
 
 def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> ViewsPart:
-    """Concatenate the results of several time steps."""
+    """Return the output of several time steps, concatenated."""
     seen = np.array([there(result.frame_set) for result in results])
     times = np.array([result.frame_set.t_ns for result in results])
     return ViewsPart(
@@ -424,7 +447,7 @@ def _part(results: Sequence[_MomentResult], views: Sequence[TrackedView]) -> Vie
 
 
 def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
-    """Return the rows of one time step: births and tracked ellipses."""
+    """Return the rows of one time step, sorted: births and tracked ellipses."""
     parts = [] if result.outlines is None else [_tracked(result.outlines, result.frame_set, views, result.ended)]
     if result.births:
         parts.append(_born(result.births, result.frame_set, views))
@@ -432,7 +455,7 @@ def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
 
 
 def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[TrackedView]) -> ViewTracks:
-    """Return the rows of births."""
+    """Return the rows of births, with the ellipse they start from and a variance of `START_VARIANCE`."""
     n = len(births)
     view = np.array([birth.view for birth in births])
     ellipse = np.array([birth.ellipse for birth in births])
@@ -455,7 +478,7 @@ def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[Tr
 def _tracked(
     o: TrackerOutlines, frame_set: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
 ) -> ViewTracks:
-    """Return the rows of tracked ellipses; trackers that regions ended are marked as terminated."""
+    """Return the rows of tracked ellipses `o`; trackers `ended` by regions are marked as terminated."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.lifecycle)
     names = np.array([view.name for view in views])
@@ -477,7 +500,10 @@ def _tracked(
 def _places(
     view: Ints, target: Ints, ellipse: Floats, frame_set: FrameSetImages, views: Sequence[TrackedView]
 ) -> dict[str, NDArray[np.generic]]:
-    """Return the columns time, camera, frame, target and ellipse."""
+    """Return the columns time, camera, frame, target and ellipse of n trackers; angles wrapped to [-pi/2, pi/2).
+
+    `view` and `target` (n,) are those of `ellipse` (n, 5).
+    """
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return {
         "t_ns": frame_set.t_ns[view],
@@ -493,5 +519,5 @@ def _places(
 
 
 def _listed(marks: Bools, names: Strings) -> list[str]:
-    """Return for each row of marks (n, K) the marked names of (K,), comma-separated."""
+    """Return for each row of `marks` (n, K) the marked ones of `names` (K,), comma-separated."""
     return [",".join(names[row].tolist()) for row in marks]
