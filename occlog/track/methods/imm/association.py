@@ -77,7 +77,14 @@ def bearing_fit(
 
 
 def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float) -> tuple[Bools, float]:
-    """Return (J, L) booleans: which particles (J, L, 4) are in the array's range, and their total weight."""
+    """Return (J, L) booleans: the particle is in the array's range, and the total weight of such particles.
+
+    Args:
+        predicted: (J, L, 4) particles [x, vx, y, vy].
+        weights: (J, L) of them, sum 1.
+        position: (2,) of the array.
+        reach: its range [length]; may be infinite.
+    """
     if math.isinf(reach):
         return np.ones(weights.shape, dtype=np.bool_), 1.0
     dx, dy = predicted[..., 0] - position[0], predicted[..., 2] - position[1]
@@ -86,16 +93,19 @@ def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float)
 
 
 def direction(heard: BearingFit, weights: Floats) -> Direction:
-    """Return circular mean and standard deviation [rad] of the bearings of (J, L) weighted particles."""
+    """Return the circular mean and standard deviation of a target's bearing at an array, from its weighted particles.
+
+    `weights` are (J, L), of sum 1.
+    """
     c, s = float(np.vdot(weights, np.cos(heard.at))), float(np.vdot(weights, np.sin(heard.at)))
     length = min(math.hypot(c, s), 1.0)
     return Direction(math.atan2(s, c), math.sqrt(-2.0 * math.log(max(length, 1e-12))))
 
 
 def density(at: Floats, within: Bools, bearing: Floats, sigma: Floats) -> Floats:
-    """Return (N, J, L) normal densities of N bearings given particle bearings `at` in [-pi, pi].
+    """Return (N, J, L) normal densities [1/rad] of N bearings, given particle bearings `at` (J, L) in [-pi, pi].
 
-    0 where not `within`.
+    Standard deviations are `sigma` (N,) [rad]; densities are 0 where not `within` (J, L).
     """
     out = np.empty((len(bearing), *at.shape))
     for i, (a, s) in enumerate(zip(wrap_angle(bearing).tolist(), sigma.tolist(), strict=True)):
@@ -116,8 +126,15 @@ def merged_bearing_density(
 
     The bearing is taken for the middle of the two, the other for a Gaussian in bearing: the
     other is within the resolution with the probability that this Gaussian gives, and then
-    anywhere there, which adds resolution^2 / 12 to the variance.  All zero where the targets,
-    at `mine` and `other`, are too far apart.
+    anywhere there, which adds resolution^2 / 12 to the variance.  All zero where the targets are too far apart.
+
+    Args:
+        one: bearings and particles of the first target.
+        mine: predicted bearing of the first target.
+        other: predicted bearing of the second.
+        bearing: (N,) that the array heard [rad].
+        sigma: (N,) their standard deviations [rad].
+        resolution: largest difference of bearings that the array hears as one [rad]; 0: none.
     """
     gap = abs(wrap_angle(np.array(other.centre - mine.centre)))
     if resolution <= 0.0 or gap > resolution + NEAR_SIGMAS * (mine.spread + other.spread):
@@ -130,7 +147,7 @@ def merged_bearing_density(
 
 @kernel
 def merge_probability(off: Floats, sigma: float, limit: float) -> Floats:
-    """Return (J, L) probabilities that normals with mean `off` and standard deviation sigma lie within ± limit."""
+    """Return (J, L) probabilities that normals of mean `off` (J, L) and standard deviation sigma lie within ± limit."""
     out = np.empty_like(off)
     scale = 1.0 / (math.sqrt(2.0) * sigma)
     for m in range(off.shape[0]):
@@ -170,7 +187,10 @@ def joint_data_association(
 
 
 def _clusters(possible: Bools) -> list[Ints]:
-    """Return clusters of targets that share bearings, directly or through others."""
+    """Return clusters (indices of targets) that share bearings, directly or through others.
+
+    `possible` (K, N): bearing i may be of target k.
+    """
     left, found = list(range(len(possible))), []
     while left:
         mine = [left.pop(0)]
@@ -192,6 +212,13 @@ def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
 
     If there are more, the least likely bearing of a target with alternatives is dropped, which separates targets; a
     target's last bearing is dropped only if no target has an alternative.
+
+    Args:
+        possible: (K, N) booleans: bearing i may be of target k.
+        ratio: (K, N) how likely that is.
+
+    Returns:
+        For each group its k targets, and (k, N) bearings that remain possible.
     """
     left, found = _clusters(possible), []
     keep = possible.copy()
@@ -216,8 +243,9 @@ def _all_events(
 ) -> tuple[Floats, Floats, Floats, float]:
     """Return marginal probabilities and the total weight of all association events.
 
-    `alone` and `shared` are in units of the clutter density. The results are `alone`, `unheard` and `shared` of
-    `BearingAssociation`, and the sum of the weights; without possible events no target is heard.
+    The results are `alone`, `unheard` and `shared` of `BearingAssociation`, and the sum of the weights; without
+    possible events no target is heard. Arguments are those of `joint_data_association`, `alone` and `shared` in units
+    of the clutter density; `possible` (K, N): bearing i may be of target k.
     """
     K, N = alone.shape
     p_alone, p_unheard, p_shared = np.zeros((K, N)), np.zeros(K), np.zeros((K, K, N))
@@ -258,7 +286,10 @@ def _all_events(
 
 @kernel
 def _partner(choice: Ints, k: int) -> int:
-    """Index of the target that shares target k's bearing in an association event, or -1."""
+    """Index of another target with target k's bearing in an association event, or -1.
+
+    `choice` (K,) are the bearings.
+    """
     for other in range(choice.shape[0]):
         if other != k and choice[other] == choice[k]:
             return other
@@ -267,7 +298,10 @@ def _partner(choice: Ints, k: int) -> int:
 
 @kernel
 def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, separate: Floats) -> float:
-    """Return the weight of one association event; 0 if three targets share a bearing."""
+    """Return the weight of one association event; 0 if three targets share a bearing.
+
+    `choice` (K,) is the bearing of each target, -1 if it is not heard; other arguments are those of `_all_events`.
+    """
     K = choice.shape[0]
     weight = 1.0
     for k in range(K):
@@ -301,6 +335,8 @@ def reweigh(
     shared: Sequence[tuple[Floats, Floats]],
 ) -> Floats:
     """Return (J, L) normalised weights of one target's particles after the association.
+
+    If no particle is left with a weight, they are those before.
 
     Args:
         weights: (J, L) before.

@@ -70,7 +70,11 @@ def updated(states: Floats, position: Floats, covariance: Floats, normals: Float
     own, drawn about the position.  The cloud's mean and covariance become those of the Kalman
     filter, up to the chance of the draws.  A cloud without extent stays where it is.
 
-    Arguments as for `moved_to`.
+    Args:
+        states: (L, 4).
+        position: (2,) that cameras found.
+        covariance: (2, 2) of it, positive semi-definite.
+        normals: (L, 2) standard normal draws.
     """
     P = np.cov(states.T, bias=True)
     S = P[np.ix_(PLACE, PLACE)] + covariance
@@ -139,7 +143,14 @@ class CameraAnswer(NamedTuple):
 def requests_after_scan(
     state: ImmState, report: ImmStepResult, memory: RequestMemory, rng: Generator
 ) -> tuple[list[CameraQuestion], RequestMemory]:
-    """Return the requests after a scan, by track, and the updated memory."""
+    """Return the requests to cameras that are due after a scan, at most one for each track, and the updated memory.
+
+    Args:
+        state: after the scan.
+        report: what came of the scan.
+        memory: earlier requests.
+        rng: draws tentative tracks on lines of sight.
+    """
     assert state.t_ns is not None
     config, t_ns = state.world.config, state.t_ns
     causes: dict[int, list[str]] = {b.number: [] for b in report.beliefs}
@@ -175,7 +186,10 @@ def requests_after_scan(
 
 
 def other_targets(state: ImmState, report: ImmStepResult, asked: Sequence[CameraQuestion]) -> list[CameraQuestion]:
-    """Return other targets that the requested frames may show; none if `config.update_other_targets` is false."""
+    """Return requests, with cause `SHARED`, about confirmed targets that `asked` does not name.
+
+    The frames that are asked for may show them. Empty if `config.update_other_targets` is false or nothing is asked.
+    """
     if not state.world.config.update_other_targets or not asked:
         return []
     numbers = {a.number for a in asked}
@@ -193,7 +207,7 @@ def _count_asks(config: ImmConfig, count: Count, memory: RequestMemory) -> bool:
 
 
 def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) -> list[str]:
-    """Return the reasons for a request that concern a single track."""
+    """Return the causes (of `bearing`, `ellipse`, `spread`) that ask cameras for one track after a scan."""
     config, estimate, found = state.world.config, belief.estimate, []
     if "printed" in config.policies and "bearing" in config.printed:
         arrays = ((sensor - state.world.cameras, heard) for sensor, heard in report.scan.by_sensor())
@@ -222,7 +236,10 @@ def _where(estimate: imm.ModelEstimates) -> tuple[Floats, Floats]:
 
 
 def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng: Generator) -> list[CameraQuestion]:
-    """Return requests about possible unknown targets: tentative tracks, or else bearings assigned to no target."""
+    """Return requests about possible unknown targets: tentative tracks, or else bearings assigned to no target.
+
+    `unknown` are the arrays with more bearings than targets in their range.
+    """
     waiting = [t for t in state.tracks if t.number == TENTATIVE]
     if not waiting:
         waiting = [_lead(state, report.scan, count.array, i, rng) for count in unknown for i in count.free.tolist()]
@@ -230,7 +247,7 @@ def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng
 
 
 def _lead(state: ImmState, scan: Scan, array: int, i: int, rng: Generator) -> Track:
-    """Return a tentative track on the line of sight of bearing i of an array."""
+    """Return a tentative track on the line of sight of bearing `i` (row) that array `array` has in the scan."""
     heard = dict(scan.by_sensor())[state.world.cameras + array]
     assert state.t_ns is not None
     return track_on_bearing(
@@ -246,7 +263,15 @@ def _middle(track: Track) -> tuple[Floats, Floats]:
 def apply_answer(
     state: ImmState, report: ImmStepResult, answers: Iterable[CameraAnswer], memory: RequestMemory, rng: Generator
 ) -> tuple[ImmState, ImmStepResult, RequestMemory]:
-    """Return the state updated with the cameras' positions, its report, and the times at which they found nothing."""
+    """Return the state updated with the positions that cameras found, its report, and the memory of vain requests.
+
+    Args:
+        state: after the scan.
+        report: what came of the scan.
+        answers: of the cameras, to requests of this time.
+        memory: earlier requests.
+        rng: draws of positions.
+    """
     assert state.t_ns is not None
     config, t_ns, free = state.world.config, state.t_ns, state.free
     tracks, refused = list(state.tracks), dict(memory.refused)
@@ -289,7 +314,10 @@ def _same_lead(track: Track, answer: CameraAnswer) -> bool:
 
 
 def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng: Generator) -> Track:
-    """Return the track updated with its position from cameras."""
+    """Return the track updated with its position from cameras.
+
+    It is certain to exist, was last met at `t_ns`, and has the answer's label, if that has one.
+    """
     assert answer.position is not None
     assert answer.covariance is not None
     change = moved_to if config.camera_fix == "replace" else updated
@@ -317,7 +345,7 @@ Pair = tuple[int, int]
 
 
 class CameraRequest(NamedTuple):
-    """One output row of `Cooperation`: a camera request with its answer."""
+    """One output row of a request to cameras: answer, cameras asked, and the number of frames newly used."""
 
     answer: CameraAnswer
     cameras: tuple[str, ...]
@@ -325,7 +353,7 @@ class CameraRequest(NamedTuple):
 
 
 class _CameraFix(NamedTuple):
-    """Intersection of the lines of sight of two cameras."""
+    """C intersections of the lines of sight of two cameras, with covariances and identities."""
 
     xy: Floats  # (C, 2)
     covariance: Floats  # (C, 2, 2)
@@ -336,7 +364,7 @@ class CameraRequests:
     """Frames of the cameras, of which only requested ones are processed."""
 
     def __init__(self, scene: Scene, config: ImmConfig) -> None:
-        """Start without frames."""
+        """Start without frames, with the cameras of the scene."""
         self._cameras, self._config = scene.cameras, config
         self._sensors: Sensors | None = pack_sensors(scene) if scene.cameras else None
         self._room = None if scene.room is None else np.ascontiguousarray(scene.room)
@@ -345,7 +373,7 @@ class CameraRequests:
         self.offered = 0  # frames that could have been asked for
 
     def put(self, scan: Scan) -> None:
-        """Store the frames of every camera; labels below 0 mean unlabelled."""
+        """Store the camera frames of a scan, one for each camera; labels below 0 mean unlabelled."""
         for camera, frame in scan.take(scan.sensor < len(self._cameras)).by_sensor():
             known = frame._replace(target_id=np.maximum(frame.target_id, UNLABELLED))
             self._coming.setdefault(camera, deque()).append(known)
@@ -353,7 +381,7 @@ class CameraRequests:
         self._arrive(scan.t_ns)
 
     def _arrive(self, t_ns: int) -> None:
-        """Make frames available that are older than the response time."""
+        """Make the stored frames available that at `t_ns` are at least the response time (`answer_delay_s`) old."""
         latest = t_ns - round(self._config.answer_delay_s * NS)
         for camera, coming in self._coming.items():
             while coming and coming[0].t_ns <= latest:
@@ -400,7 +428,8 @@ class CameraRequests:
     def _pair(self, ask: CameraQuestion, fresh: list[int], asked: list[Pair]) -> Pair | None:
         """Return the two cameras with the smallest expected position error, preferably those that can see the position.
 
-        Two cameras already requested are preferred if nearly as good.
+        Two cameras already requested (`asked`) are preferred if nearly as good. `fresh` are the cameras with a recent
+        frame; None if fewer than two have one.
         """
         ranks = {pair: self._rank(ask.position, pair) for pair in combinations(fresh, 2)}
         if not ranks:
@@ -420,13 +449,19 @@ class CameraRequests:
         return blind, expected_variance(position, origins, np.array([self._sigma(c) for c in pair]))
 
     def _sigma(self, camera: int) -> float:
-        """Return the camera's stated noise (before its frame is requested, nothing of the frame may be used)."""
+        """Return the standard deviation of a camera's bearing [rad] from its stated noise.
+
+        Nothing of its frame is used, since the frame has not been requested yet.
+        """
         c = self._cameras[camera]
         sigma = math.hypot(c.sigma_yaw, c.sigma_read_px / float(c.focal_px[0]))
         return sigma if sigma > 0.0 else DEFAULT_BEARING_SIGMA_RAD
 
     def _cross(self, pair: Pair, t_ns: int) -> _CameraFix:
-        """Return intersections of lines of two frames: equal labels, and all pairs of unlabelled candidates."""
+        """Return intersections of the lines of sight in the last frames of two cameras, for equal labels.
+
+        Unlabelled candidates are crossed in all pairs. Covariances include what targets may have walked up to `t_ns`.
+        """
         one, other = (self._frames[c] for c in pair)
         i, j = np.nonzero(one.target_id[:, None] == other.target_id)
         if not len(i):
@@ -448,9 +483,10 @@ class CameraRequests:
     def _match(
         self, asks: Sequence[CameraQuestion], others: Sequence[CameraQuestion], found: _CameraFix
     ) -> list[CameraAnswer]:
-        """Assign intersections to targets: by label if present, else by distance; each intersection once.
+        """Return an answer for each of `asks`, then of `others`, with the intersection assigned to it, if any.
 
-        Known targets have priority over unknown ones.
+        Targets get those of their label if present, else the nearest; each intersection once. Known targets have
+        priority over unknown ones.
         """
         # Match by label
         everyone = [*asks, *others]
@@ -488,7 +524,7 @@ def _answer(ask: CameraQuestion, found: _CameraFix, c: int) -> CameraAnswer:
 
 
 def _once(requests: list[CameraRequest]) -> list[CameraRequest]:
-    """Return the requests, with a position found by two of them kept in the first only."""
+    """Return the requests; an answer with a position that an earlier one has is made empty."""
     seen: set[tuple[float, ...]] = set()
     out = []
     for request in requests:

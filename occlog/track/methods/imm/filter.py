@@ -98,7 +98,7 @@ class TrackPosterior(NamedTuple):
 
 
 class ImmStepResult(NamedTuple):
-    """Outcome of a scan."""
+    """What came of a scan: posteriors of confirmed tracks, counts of bearings, and the evidence."""
 
     beliefs: tuple[TrackPosterior, ...]  # by number
     counts: tuple[Count, ...]
@@ -107,13 +107,13 @@ class ImmStepResult(NamedTuple):
 
 
 def init(scene: Scene, config: ImmConfig, rng: Generator) -> ImmState:
-    """Return the state before the first scan: no tracks, or those in `config.start`."""
+    """Return the state before the first scan: no tracks, or confirmed ones at the states in `config.start`."""
     tracks = initial_tracks(config, 0, rng)
     return ImmState(make_world(scene, config), tracks, None, len(tracks))
 
 
 def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStepResult]:
-    """The state after a scan of any arrays, and what came of it.
+    """Return the state after a scan of any arrays, and what came of it.
 
     Args:
         state: before.
@@ -157,9 +157,10 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
 
 
 def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, config: ImmConfig) -> tuple[Track, float]:
-    """Return the track and the effective number of ancestors of its covariance; infinity if it is sufficient.
+    """Return the track, and the effective number of ancestors on which its covariance rests; infinity if they suffice.
 
-    Ancestors are counted afresh once process noise has restored the diversity.
+    Ancestors are counted afresh once process noise has restored the diversity. `lineage` is that of the particles,
+    `estimate` their mean and covariance.
     """
     families = lineage.effective()
     if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
@@ -170,7 +171,7 @@ def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, co
 
 
 def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
-    """Return whether the track's mean position is in the array's range."""
+    """Return whether the track's mean position is in the range of array `array` (row of `world.positions`)."""
     if math.isinf(world.reach[array]):
         return True
     x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.positions[array]
@@ -178,7 +179,10 @@ def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
 
 
 def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
-    """Return tracks updated with an array's bearings, the unassigned bearings, and the log density of all."""
+    """Return the tracks updated with an array's bearings, the unassigned bearings (rows), and the log density of all.
+
+    `array` is its row in `world.positions`, `heard` has its rows of the scan.
+    """
     if heard.labelled.any():
         moved = _labelled(world, moved, array, heard)
     take = _associate_any if world.config.association == "any" else _associate_jointly
@@ -188,7 +192,7 @@ def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Sca
 
 
 def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[BearingFit]:
-    """Return the bearing densities of an array for each track."""
+    """Return, for each track, the densities at its particles of the bearings `heard` by array `array` (row)."""
     position, reach = world.positions[array], float(world.reach[array])
     return [
         bearing_fit(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
@@ -197,7 +201,10 @@ def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[
 
 
 def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
-    """Return tracks with each new label assigned to the track of highest association probability."""
+    """Return the tracks, each new label in `heard` being given to the unlabelled track that its bearing fits best.
+
+    A label that no track fits better than clutter is not given. `moved` is changed in place.
+    """
     fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
     for i in np.flatnonzero(heard.labelled).tolist():
         label = int(heard.target_id[i])
@@ -211,7 +218,7 @@ def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> l
 
 
 def _allowed(moved: list[Moved], heard: Scan) -> Bools:
-    """Return (K, N) booleans: whether bearing i can belong to track k.
+    """Return (K, N) booleans: bearing i can belong to track k.
 
     Labels must agree, and a label assigned to one track excludes the others.
     """
@@ -224,14 +231,17 @@ def _allowed(moved: list[Moved], heard: Scan) -> Bools:
 
 
 def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
-    """Return (N,) density [1/rad] of each bearing under the clutter hypothesis."""
+    """Return (N,) densities [1/rad] of the bearings (N,) under the clutter hypothesis, which is uniform in azimuth."""
     return np.full(len(bearing), world.config.clutter_rate / (2.0 * math.pi))
 
 
 def _associate_jointly(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[BearingAssociation, list[Moved]]:
-    """Associate an array's bearings jointly with all tracks; return the association and the reweighted tracks."""
+    """Associate an array's bearings jointly with all K tracks; return the association and the reweighted tracks.
+
+    `allowed` (K, N): bearing i can belong to track k.
+    """
     K, N, config = len(moved), len(heard.bearing), world.config
     fits = _fits(world, moved, array, heard)
     exists = np.array([m.track.exists for m in moved])
@@ -261,7 +271,8 @@ def _merged_densities(
 ) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
     """Return densities of bearings from two merged targets.
 
-    These are (K, K, N) densities, (K, K) probabilities that the two are resolved, and the densities by particle.
+    These are (K, K, N) densities, (K, K) probabilities that the two are resolved, and the densities (N, J, L) for the
+    particles of k merged with b, by (k, b). `fits` are the densities of single targets.
     """
     K, N, resolution = len(moved), len(heard.bearing), float(world.resolution[array])
     shared, separate = np.zeros((K, K, N)), np.ones((K, K))
@@ -283,7 +294,10 @@ def _merged_densities(
 
 
 def _resolution_probability(one: Direction, other: Direction, resolution: float) -> float:
-    """Return the probability that an array resolves two targets, both Gaussian in bearing."""
+    """Return the probability that an array resolves two targets: bearings differ by more than `resolution` [rad].
+
+    `one` and `other` are the Gaussian predictions of their bearings.
+    """
     gap = math.remainder(one.centre - other.centre, 2.0 * math.pi)
     scale = math.sqrt(2.0) * max(math.hypot(one.spread, other.spread), 1e-9)
     return 1.0 - 0.5 * (math.erf((resolution - gap) / scale) + math.erf((resolution + gap) / scale))
@@ -292,7 +306,10 @@ def _resolution_probability(one: Direction, other: Direction, resolution: float)
 def _associate_any(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[BearingAssociation, list[Moved]]:
-    """Associate every bearing with every track ([Lee] Eq. 3.6); silence does not constrain positions."""
+    """Associate every bearing with every track ([Lee] Eq. 3.6); return the association and the reweighted tracks.
+
+    Silence does not constrain positions. `allowed` (K, N): bearing i can belong to track k.
+    """
     K, N, config = len(moved), len(heard.bearing), world.config
     position, reach = world.positions[array], float(world.reach[array])
     alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
@@ -323,7 +340,11 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
 
 
 def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
-    """Return new tracks on the lines of sight of unassigned bearings; a label in `numbers` makes a tentative track."""
+    """Return new tracks on the lines of sight of an array's unassigned bearings `free`.
+
+    A labelled bearing has a confirmed track of that number; if the number is in `numbers`, to which new ones are added,
+    the track is tentative. Unlabelled ones begin tracks only with joint association and a birth probability above 0.
+    """
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth_probability > 0.0 and config.association == "joint"
@@ -338,7 +359,7 @@ def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int],
 
 
 def _with_hit(m: Moved, t_ns: int) -> Track:
-    """Return the track with its hit count and time of the last hit updated."""
+    """Return the track; if it was heard in the scan, with one more hit (unless it is new) and `t_ns` as its last."""
     if not m.heard:
         return m.track
     return m.track._replace(hits=m.track.hits + (not m.born), met_ns=t_ns)
@@ -349,7 +370,10 @@ def _existing_tracks(track: Track, t_ns: int, config: ImmConfig) -> bool:
 
 
 def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:
-    """Return the tracks, with numbers given to newly confirmed ones, and the lowest free number."""
+    """Return the tracks, confirmed ones first by number, and the lowest number that no track has had.
+
+    Tentative tracks that meet the thresholds of confirmation get numbers from `free` on.
+    """
     out = []
     for m in moved:
         track = m.track
@@ -365,7 +389,7 @@ def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Mo
 
 
 def estimates(report: ImmStepResult, scene: Scene) -> list[tuple[int, Estimate]]:
-    """Return the estimates of the confirmed targets by number."""
+    """Return (number, estimate) of each confirmed target after a scan, by number."""
     return [(belief.number, _estimate(belief, report, len(scene.cameras))) for belief in report.beliefs]
 
 
@@ -386,7 +410,7 @@ def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Es
 
 
 def trace(result: tuple[ImmState, int]) -> TrackTrace:
-    """Return what smoothing needs of one target after the last step."""
+    """Return what smoothing needs of one target after the last step; `result` is the state and the target's number."""
     state, number = result
     assert state.t_ns is not None
     return trace_of(next(track for track in state.tracks if track.number == number), state.t_ns)
@@ -410,10 +434,10 @@ LATE_PERIOD_SHARE = 0.5
 
 
 class ListeningTimes:
-    """Estimated scan times of one array."""
+    """Clock of one microphone array: its interval between scans, and when it should have listened."""
 
     def __init__(self, array: MicrophoneArray) -> None:
-        """Before the first row."""
+        """Start before the first row; the interval is known if the scene states the array's rate."""
         self._known = None if array.rate_hz is None else round(NS / array.rate_hz)
         self._gaps: deque[int] = deque(maxlen=INTERVALS)
         self._row_ns: int | None = None  # of the last row
@@ -433,7 +457,10 @@ class ListeningTimes:
         self._row_ns = self.last_ns = t_ns
 
     def due(self, t_ns: int, most: int) -> list[int]:
-        """Return the times before t_ns with a scan but no detection, at most `most`."""
+        """Return the times [ns] before `t_ns` at which the array listened in vain, the first `most` of them.
+
+        All of them count as past afterwards.
+        """
         period = self.period_ns
         if period is None or self.last_ns is None or period <= 0:
             return []
@@ -448,7 +475,7 @@ class ArrayScans:
     """Scans of all arrays, including scans without detections."""
 
     def __init__(self, scene: Scene, forget_s: float) -> None:
-        """Before the first row.
+        """Start before the first row.
 
         Args:
             scene: the arrays.
@@ -459,7 +486,7 @@ class ArrayScans:
         self._forget_ns = round(forget_s * NS)
 
     def scans(self, scan: Scan) -> Iterator[Scan]:
-        """Return the arrays' scans up to a time: scans without detections first, then rows.
+        """Generate the arrays' scans up to the time of `scan`: scans without detections first, then its rows.
 
         A scan without detection has a row that is not `seen`. Rows of an array are sorted by label and bearing; labels
         below 0 mean unlabelled.
@@ -484,7 +511,7 @@ class ArrayScans:
         yield _ordered(concat([empty_scan(scan.t_ns, silent), rows]))
 
     def _in_vain(self, t_ns: int) -> Iterator[Scan]:
-        """Return the times before t_ns of scans without detections."""
+        """Generate the scans before `t_ns` in which arrays listened without hearing anything, in the order of time."""
         silent: dict[int, list[int]] = {}
         for a, clock in enumerate(self._clocks):
             period = clock.period_ns or 1
@@ -495,7 +522,7 @@ class ArrayScans:
 
 
 def _ordered(scan: Scan) -> Scan:
-    """Return the rows sorted by array, label, bearing and standard deviation."""
+    """Return the rows sorted by array, label, bearing and standard deviation, with labels below 0 made `UNLABELLED`."""
     label = np.maximum(scan.target_id, UNLABELLED)
     order = np.lexsort((scan.sigma, scan.bearing, label, scan.sensor))
     return scan._replace(target_id=label).take(order)

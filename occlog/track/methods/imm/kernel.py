@@ -36,14 +36,14 @@ RANGE_SIGMAS = 2.0
 
 
 class ImmParticles(NamedTuple):
-    """Equally weighted particles after a step."""
+    """L equally weighted particles of a target after a step, with the motion model each was moved under."""
 
     states: Floats  # (L, 4)
     models: Ints  # (L,) model each was moved under; read only if there are switching probabilities
 
 
 class MotionModels(NamedTuple):
-    """Motion models of targets; see `turns.move`."""
+    """J motion models of a target for one step, as `turns.move` takes them, with switching probabilities."""
 
     models: Floats  # (J, 3)
     root: Floats  # (2, 2) noise of this step
@@ -51,7 +51,7 @@ class MotionModels(NamedTuple):
 
 
 class ImmNoise(NamedTuple):
-    """The random numbers of one step."""
+    """Random numbers of one step of J models and L particles."""
 
     normals: Floats  # (J, L, 4) standard normal
     u: float  # from U[0, 1)
@@ -162,10 +162,17 @@ def update_weights(predicted: Floats, prior: Floats, bearing: Floats, sigma: Flo
 
 @array_kernel
 def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale: Floats) -> tuple[Floats, float]:
-    """(N, J, L) log likelihoods, up to a constant, and the largest; angles in [-pi, pi].
+    """(N, J, L) log likelihoods of N bearings, up to a constant, and the largest of all.
 
     They are -inf where the prior is 0: what cannot be must not set the scale, all others
     might vanish next to it.
+
+    Args:
+        at: (J, L) bearings of the particles in [-pi, pi].
+        prior: (J, L) weights.
+        angle: (N,) measured bearings in [-pi, pi].
+        sigma: (N,) standard deviations [rad].
+        scale: (N,) logarithms of these.
     """
     N, (J, L) = angle.shape[0], prior.shape
     each = np.empty((N, J, L))
@@ -183,9 +190,10 @@ def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale:
 
 @array_kernel
 def _times_prior(each: Floats, top: float, prior: Floats) -> tuple[Floats, float]:
-    """Convert log weights to weights times the prior, in place; return sums over i, (J, L), and the total.
+    """Convert log weights `each` (N, J, L) to weights times the prior (J, L), in place.
 
-    Exponentials of negligible weights are skipped.
+    Return their sums over the N bearings, (J, L), and the total. `top` is the largest log weight, taken as 0;
+    exponentials of negligible weights are skipped.
     """
     N, J, L = each.shape
     total = np.zeros((J, L))
@@ -201,7 +209,7 @@ def _times_prior(each: Floats, top: float, prior: Floats) -> tuple[Floats, float
 
 
 def moments(particles: Floats, weights: Floats) -> ModelEstimates:
-    """Mean and covariance of (J, L, 4) particles with (J, L) weights of sum 1, in all and for each model."""
+    """Mean and covariance of `particles` (J, L, 4) with `weights` (J, L) of sum 1, in all and for each of J models."""
     mu, means, covariances = _moments(particles, weights)
     some = mu > 0.0
     mean = mu[some] @ means[some]
@@ -212,7 +220,10 @@ def moments(particles: Floats, weights: Floats) -> ModelEstimates:
 
 @array_kernel
 def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute mu, means and covariances for `ModelEstimates`."""
+    """Return mu (J,), means (J, 4) and covariances (J, 4, 4) of each model, as in `ModelEstimates`.
+
+    `x` are (J, L, 4) particles, `w` (J, L) weights; NaN for a model without weight.
+    """
     J, L = w.shape
     mu, means, covariances = np.zeros(J), np.full((J, 4), math.nan), np.full((J, 4, 4), math.nan)
     for m in range(J):
@@ -265,7 +276,7 @@ def resample(weights: Floats, u: float, picks: Floats) -> tuple[Ints, Ints]:
 
 @kernel
 def taken(predicted: Floats, models: Ints, rows: Ints) -> Floats:
-    """Return (n, 4) particles predicted[models, rows] of (J, L, 4)."""
+    """Return (n, 4) particles: predicted[models[i], rows[i]] of `predicted` (J, L, 4)."""
     out = np.empty((rows.shape[0], 4))
     for i in range(rows.shape[0]):
         for a in range(4):
@@ -275,7 +286,10 @@ def taken(predicted: Floats, models: Ints, rows: Ints) -> Floats:
 
 @kernel
 def _models_of(weights: Floats, rows: Ints, picks: Floats) -> Ints:
-    """Return (n,) a model for each row, drawn by the row's weights; models of zero weight are never drawn."""
+    """Return (n,) a model for each of `rows` (n,), drawn by that row's weights in `weights` (J, L).
+
+    `picks` (n,) are draws from U[0, 1). Models of zero weight are never drawn.
+    """
     J, n = weights.shape[0], rows.shape[0]
     models = np.empty(n, dtype=np.int64)
     for i in range(n):
@@ -299,7 +313,7 @@ def count_differs(bearings: int, objects: int) -> bool:
 
 
 def outside_ranges(mean: Floats, bearing: Floats, sigma: Floats, position: Floats) -> bool:
-    """True if the bearing of the (4,) estimate is in no bearing's 95 % range; [Lee] Eq. 3.15, wrapped.
+    """Return whether the bearing of the estimate `mean` (4,) is in no bearing's 95 % range; [Lee] Eq. 3.15, wrapped.
 
     In silence there is no range, and it is True.  `bearing`, `sigma` and `position` are those of `update_weights`.
     """
@@ -334,5 +348,5 @@ def position_sigma(covariance: Floats) -> float:
 
 
 def position_sigma_exceeds(covariance: Floats, limit: float) -> bool:
-    """Return whether `position_sigma` exceeds a limit."""
+    """Return whether the root of the trace of the position covariance, of (4, 4) `covariance`, is above `limit`."""
     return position_sigma(covariance) > limit

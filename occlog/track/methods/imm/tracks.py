@@ -43,7 +43,7 @@ class Genealogy(NamedTuple):
     since_s: float  # how long ago that was
 
     def drawn(self, rows: Ints, dt: float) -> Genealogy:
-        """Return the ancestry after resampling rows (n,) and a time step dt [s]."""
+        """Return the ancestry after resampling: `rows` (n,) are the particles drawn, `dt` the time step [s]."""
         return Genealogy(self.families[rows], self.since_s + dt)
 
     def effective(self) -> float:
@@ -81,7 +81,7 @@ MAX_DRAWS = 20
 
 
 class Track(NamedTuple):
-    """A confirmed or tentative target."""
+    """A confirmed or tentative target with its particles and its probability of existence."""
 
     number: int  # TENTATIVE until it is confirmed
     label: int  # identity that sensors give it; UNLABELLED_TRACK: none did
@@ -120,7 +120,7 @@ class ImmWorld(NamedTuple):
 
 
 def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
-    """Return the scene's arrays and room in the filter's form."""
+    """Return the arrays and the room of the scene, and the settings, in the filter's form."""
     arrays = scene.arrays
     positions = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
     region = np.ascontiguousarray(scene.region)
@@ -140,27 +140,36 @@ def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
 
 
 def _reach(far: float, height: float, sources: float | None) -> float:
-    """Return the ground range of an array for sources at a height; None: the range is measured on the ground."""
+    """Return the range on the ground of an array at `height` that hears as far as `far`.
+
+    `sources` is the height of the sources; None: the range is measured on the ground.
+    """
     if sources is None or math.isinf(far):
         return far
     return math.sqrt(max(far**2 - (height - sources) ** 2, 0.0))
 
 
 def initial_tracks(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
-    """Return confirmed tracks, numbered from 0, of the targets known initially."""
+    """Return a confirmed track for each target in `config.start`, numbered from 0, last met at `t_ns`."""
     starts = np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()
     return tuple(confirmed_track(config, n, start, t_ns, rng) for n, start in enumerate(starts))
 
 
 def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
-    """Return a confirmed track with known initial state X, Y, SIGMA, VX, VY, SIGMA_V."""
+    """Return the confirmed track `number` with a known initial state: `start` is X, Y, SIGMA, VX, VY, SIGMA_V.
+
+    SIGMA and SIGMA_V are standard deviations per axis; `t_ns` is when it was last met.
+    """
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
     return _confirmed(config, number, UNLABELLED_TRACK, states, t_ns)
 
 
 def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns: int) -> Track:
-    """Return a track of (L, 4) particles with existence probability 1."""
+    """Return a track of particles `states` (L, 4) with existence probability 1, last met at `t_ns`.
+
+    `label`: identity that sensors give it, or `UNLABELLED_TRACK`.
+    """
     hits = config.confirmation_hits
     return Track(number=number, label=label, cloud=_cloud(states), exists=1.0, sounds=1.0, hits=hits, met_ns=t_ns)
 
@@ -170,8 +179,16 @@ def track_on_bearing(
 ) -> Track:
     """Return a new track with particles along a bearing's line of sight, within range and room.
 
-    It is tentative if `label` is `UNLABELLED_TRACK`. Positions are equally likely per length of the line; if none is in
-    the room, any will do.
+    Positions are equally likely per length of the line; if none is in the room, any will do.
+
+    Args:
+        world: arrays and room.
+        array: row of the array.
+        angle: bearing [rad].
+        sigma: its standard deviation [rad].
+        t_ns: when it was heard.
+        label: number and identity of a confirmed track; `UNLABELLED_TRACK`: the track is tentative.
+        rng: draws.
     """
     config = world.config
     n = config.particles * config.initial_particle_factor
@@ -198,7 +215,17 @@ def track_on_bearing(
 def track_at_position(
     world: ImmWorld, position: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
-    """Return a confirmed track of a new target at a position found by cameras."""
+    """Return a confirmed track of a new target at a position found by cameras.
+
+    Args:
+        world: settings.
+        position: (2,).
+        covariance: (2, 2) of it.
+        number: of the track.
+        label: identity that sensors give it, or `UNLABELLED_TRACK`.
+        t_ns: when it was seen.
+        rng: draws.
+    """
     config = world.config
     n = config.particles
     xy = rng.multivariate_normal(position, covariance, n, method="eigh")
@@ -212,7 +239,10 @@ def _cloud(states: Floats) -> imm.ImmParticles:
 
 
 def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
-    """The track after a time [s] under every motion model, by [Lee] Eq. 3.3; with walls no particle leaves the room."""
+    """Return the track after a time `dt` [s], its particles moved under every motion model ([Lee] Eq. 3.3).
+
+    With walls no particle leaves the room. The probability that the target sounds follows sounds and silences.
+    """
     config, cloud = world.config, track.cloud
     J, L = len(world.models), len(cloud.states)
     normals = rng.standard_normal((J, L, 4))
@@ -233,14 +263,17 @@ def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Move
 
 
 def new_track(world: ImmWorld, track: Track) -> Moved:
-    """Return a new track at its initial time, with equal model probabilities."""
+    """Return a new track at its initial time, as one that the scan moved and heard; models are equally likely."""
     J, L = len(world.models), len(track.cloud.states)
     prior = np.full((J, L), 1.0 / (J * L))
     return Moved(track, np.repeat(track.cloud.states[None], J, axis=0), prior, prior, born=True, heard=True)
 
 
 def switching(models: int, dt: float, hold_s: float | None) -> Floats | None:
-    """Return (J, J) transition probabilities of the models over a time; None if all are equal."""
+    """Return (J, J) transition probabilities of J = `models` models over a time `dt` [s].
+
+    `hold_s` is the mean sojourn time of a model [s]; None: None is returned, as all models are equally likely.
+    """
     if hold_s is None:
         return None
     stay = math.exp(-dt / hold_s)
@@ -294,7 +327,7 @@ class TrackTrace(NamedTuple):
 
 
 def trace_of(track: Track, t_ns: int) -> TrackTrace:
-    """Return what smoothing needs of a target after a step."""
+    """Return what smoothing needs of a target after a step at `t_ns`: its particles as a kernel density."""
     states, models = track.cloud
     return TrackTrace(
         t_ns, kernel_density(np.ascontiguousarray(states.T), np.full(len(states), 1.0 / len(states)), models)
@@ -302,7 +335,10 @@ def trace_of(track: Track, t_ns: int) -> TrackTrace:
 
 
 def smooth_backwards(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[SmoothedState]:
-    """Return smoothed past states of a target, from trajectories sampled backwards through its particles."""
+    """Return smoothed states of a target, one for each trace, by trajectories sampled backwards through its particles.
+
+    `traces` are in the order of time, at least one.
+    """
     models, out = three_models(config.turn_acceleration), []
     states, kinds = last_states(traces[-1].knot, config.smoothing_trajectories, rng)
     out.append(_past(states))
@@ -317,9 +353,10 @@ def smooth_backwards(traces: Sequence[TrackTrace], config: ImmConfig, rng: Gener
 
 
 def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats:
-    """(4, M) states dt >= 0 seconds before, without noise, each under the one of (J, 3) models that (M,) kinds say.
+    """(4, M) states `dt` >= 0 seconds earlier, without noise.
 
-    It is the inverse of a step of `occlog.filtering.motion.coordinated_turn.move`, as a turn leaves the speed as it is.
+    State i of `states` (4, M) moves under the one of `models` (J, 3) that `kinds[i]` says. It is the inverse of a step
+    of `occlog.filtering.motion.coordinated_turn.move`, as a turn leaves the speed as it is.
     """
     out = np.empty_like(states)
     for kind, model in enumerate(models):
@@ -330,7 +367,10 @@ def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats
 
 
 def noise_back(density: float, dt: float) -> Floats:
-    """Return the (4, 4) process-noise covariance of a step, mapped back by the step; turns count as straight motion."""
+    """Return the (4, 4) process-noise covariance of a step of `dt` [s], mapped back by the step.
+
+    `density` is the spectral density of the acceleration [length^2/s^3]; turns count as straight motion.
+    """
     root = acceleration_root(density, dt)
     block = root @ root.T
     block[0, 1] = block[1, 0] = -block[0, 1]
