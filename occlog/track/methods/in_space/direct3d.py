@@ -64,7 +64,7 @@ class Direct3dState(NamedTuple):
 
 
 class ScanUpdate(NamedTuple):
-    """Result of updating the filter with one scan."""
+    """L particles (6, L) with weights (L,) at the time of a scan, its log-likelihood, and the fallback ("": none)."""
 
     cloud: Floats
     weights: Floats
@@ -73,7 +73,7 @@ class ScanUpdate(NamedTuple):
 
 
 def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> Direct3dState:
-    """State before the first scan: particles around `config.start`, or none yet."""
+    """Return the state before the first scan: particles around `config.start`, or none yet."""
     space = make_space(scene, config, cone=config.likelihood == "cone")
     n = config.particles * config.initial_particle_factor
     cloud = np.empty((6, 0)) if config.start is None else particles_around(space, config.start, n, rng)
@@ -123,14 +123,17 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
 
 
 def trace(state: Direct3dState) -> CloudTrace:
-    """Return what smoothing needs of the last step."""
+    """Return what smoothing needs of the last step: the particles as a kernel density."""
     assert state.t_ns is not None
     weights = np.exp(state.log_weights)
     return CloudTrace(state.t_ns, kernel_density(state.cloud, weights / weights.sum()), state.begun)
 
 
 def predict(state: Direct3dState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Predict the position at a time not before the last scan; the state is not changed."""
+    """Predict the position at a time `t_ns` not before the last scan, without changing the state.
+
+    Before the first scan particles are uniform over the box of the room and all sensors.
+    """
     cloud, weights = state.cloud, np.exp(state.log_weights)
     if not cloud.shape[1]:
         space, n = state.space, state.space.config.particles
@@ -142,7 +145,10 @@ def predict(state: Direct3dState, t_ns: int, rng: Generator) -> ParticleSet:
 
 
 def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Generator) -> ScanUpdate | None:
-    """Weighted particles at the time of a scan, a time dt [s] after the last one; None where no particle agrees."""
+    """Return weighted particles at the time of a scan, `dt` [s] after the last one.
+
+    None where no particle agrees with it.
+    """
     space = state.space
     cloud, weights, log_sum = update_by_scan(
         state.cloud,
@@ -158,7 +164,7 @@ def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Genera
 
 
 def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generator) -> ScanUpdate:
-    """Return many particles drawn from the scan, for a start or restart."""
+    """Return many particles drawn from the scan, for a start or restart, with `reason` as their fallback."""
     cloud, log_weights = particles_from_scan(
         space, heard, space.config.particles * space.config.initial_particle_factor, rng
     )
@@ -192,7 +198,15 @@ def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Sp
 
 
 def estimate_of(mean: Floats, covariance: Floats, draw: ScanUpdate, heard: ScanDirections, good: Bools) -> Estimate:
-    """Return the estimate from mean (6,), covariance (6, 6) and the sensors `good` (N,) consistent with it."""
+    """Return the estimate of a scan.
+
+    Args:
+        mean: (6,) x, y, z, vx, vy, vz.
+        covariance: (6, 6).
+        draw: particles, for effective sample size, likelihood and fallback.
+        heard: the scan of N sensors.
+        good: (N,) sensors that agree with the estimate.
+    """
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | good
     return Estimate(

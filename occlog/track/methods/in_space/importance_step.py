@@ -58,7 +58,7 @@ MIN_RELATIVE_EXTENT = 1e-9
 
 
 class TimeStepPath(NamedTuple):
-    """Motion of one time step: transition and noise."""
+    """A time step: motion with noise, length, and a known change of the state."""
 
     motion: AccelerationModel
     dt: float  # [s], >= 0
@@ -66,7 +66,7 @@ class TimeStepPath(NamedTuple):
 
 
 class ProposedStates(NamedTuple):
-    """Particles drawn from the adapted proposal."""
+    """Particles drawn from the adapted proposal, with their weights and likelihoods."""
 
     cloud: Floats  # (2d, n)
     log_prior: Floats  # (n,) log weights before the likelihood
@@ -143,7 +143,13 @@ def drift_matrix(d: int, dt: float) -> Floats:
 
 
 def kernel_density(cloud: Floats, weights: Floats, kernel: float) -> tuple[Floats, Floats, float]:
-    """Return the (2d, L) centres of the kernels, the covariance (2d, 2d) of the particles and the kernel width h."""
+    """Return the (2d, L) centres of the kernels, the (2d, 2d) covariance of the particles, and the kernel width h.
+
+    Args:
+        cloud: (2d, L) particles.
+        weights: (L,) of sum 1.
+        kernel: width relative to the one that is best for a Gaussian.
+    """
     mean, covariance = moments(cloud, weights)
     h = min(kernel * silverman_bandwidth(cloud.shape[1], len(cloud)), 0.999)
     a = math.sqrt(1.0 - h * h)
@@ -206,7 +212,8 @@ def propose(
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
     """Return the Cholesky factor (3, 3) of the position, and the velocity's regression and residual factor (d, d).
 
-    The regression is on the whitened position.
+    The regression is on the whitened position. `C` (2d, 2d) is the covariance of position and velocity; `least` is a
+    standard deviation added to the position.
     """
     position_covariance = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
@@ -216,14 +223,14 @@ def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Float
 
 
 def _in_space(positions: Floats) -> Floats:
-    """Return (3, n) row-contiguous positions from (2, n) or (3, n)."""
+    """Return (3, n) row-contiguous positions from (2, n) or (3, n); a missing third coordinate is 0."""
     return np.ascontiguousarray(
         positions if len(positions) == 3 else np.vstack([positions, np.zeros(positions.shape[1])])
     )
 
 
 def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """Return the directions of a scan as residual rows for the 3-D kernels."""
+    """Return the directions of a scan in space as residuals for the importance density."""
     s = heard.sights
     flat = np.isnan(s.phi)
     phi = np.where(flat, 0.5 * math.pi, s.phi)[:, None]
@@ -238,7 +245,15 @@ def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows
 def factors(
     heard: ScanDirections, first: Ints, share: Floats, uniform: Floats, chances: ReportProbabilities
 ) -> tuple[Floats, Floats]:
-    """Scale and rival of `ScanRows`, as in `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`."""
+    """Return the fields `scale` and `rival` (R,) of `ScanRows`, so that densities add up as in `scan_log_likelihood`.
+
+    Args:
+        heard: the scan.
+        first: (N + 1,) rows of each sensor.
+        share: (R,) factor of a candidate's density.
+        uniform: (R,) density of clutter.
+        chances: probabilities of reports.
+    """
     labelled = np.repeat(heard.sights.labelled, np.diff(first))
     scale = np.where(labelled, 1.0 - chances.false, chances.candidate / chances.clutter * share / uniform)
     rival = np.where(labelled, chances.false * uniform, 1.0 - chances.candidate)
@@ -263,7 +278,10 @@ class GaussianTrace(NamedTuple):
 
 
 def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
-    """Return smoothed past states from trajectories sampled backwards through the particles."""
+    """Return smoothed states, one for each trace, from trajectories sampled backwards through the particles.
+
+    `traces` are in the order of time; trajectories begin afresh where the filter restarted.
+    """
     motion, out, states = motion_of(config), [], np.empty((6, 0))
     for k in range(len(traces) - 1, -1, -1):
         if k == len(traces) - 1 or traces[k + 1].begun:
@@ -277,7 +295,10 @@ def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Gener
 
 
 def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
-    """Return smoothed past states by the Rauch-Tung-Striebel recursion."""
+    """Return smoothed states, one for each trace, by the Rauch-Tung-Striebel recursion.
+
+    `traces` are in the order of time; the recursion begins afresh where the filter restarted.
+    """
     motion, out = motion_of(config), []
     mean, covariance = np.empty(6), np.empty((6, 6))
     for k in range(len(traces) - 1, -1, -1):
@@ -294,7 +315,17 @@ def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng:
 def _before(
     m: Floats, P: Floats, later: Floats, later_covariance: Floats, motion: AccelerationModel, dt: float, rng: Generator
 ) -> tuple[Floats, Floats]:
-    """Return mean and covariance at time dt before a smoothed state, given the filter's (m, P) there."""
+    """Return the smoothed mean (6,) and covariance (6, 6) of a state, `dt` [s] before a later smoothed one.
+
+    Args:
+        m: (6,) mean of the filter.
+        P: (6, 6) covariance of the filter.
+        later: (6,) later mean.
+        later_covariance: (6, 6) later covariance.
+        motion: from one to the other.
+        dt: [s].
+        rng: not drawn from, as the step has no noise.
+    """
     F = drift_matrix(3, dt)
     ahead = moved(m[:, None], motion._replace(density=np.zeros(3)), dt, rng)[:, 0]
     predicted = F @ P @ F.T + process_noise(motion, dt)

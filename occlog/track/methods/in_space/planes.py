@@ -54,12 +54,15 @@ MIN_RELATIVE_VARIANCE = 1e-12
 
 
 def initial_errors(covariance: Floats) -> Floats:
-    """Return the (12, 12) joint error covariance of three planes started from one (6, 6) covariance."""
+    """Return the (12, 12) joint error covariance of the three planes' states, from one (6, 6) covariance in space."""
     return np.asarray(TO_PLANES @ covariance @ TO_PLANES.T)
 
 
 def moved_errors(errors: Floats, motion: AccelerationModel, dt: float) -> Floats:
-    """Return the (12, 12) joint error covariance after a time dt; all planes share the process noise of one motion."""
+    """Return the (12, 12) joint error covariance after a time `dt` [s].
+
+    All planes share the process noise of one motion.
+    """
     F = np.kron(np.eye(3), drift_matrix(2, dt))
     return np.asarray(F @ errors @ F.T + initial_errors(process_noise(motion, dt)))
 
@@ -88,7 +91,7 @@ def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: F
 
 
 def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
-    """(12, 12) errors with the given (4, 4) covariances as blocks of some planes.
+    """(12, 12) errors with the given (4, 4) covariances as the blocks of some planes, which are the keys.
 
     The errors of a plane are mapped by the symmetric matrix that changes Gaussians of the one covariance into those
     of the other with the least motion (Olkin and Pukelsheim 1982), so that correlations are changed as little.
@@ -102,7 +105,7 @@ def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
 
 
 def reactivated(errors: Floats, plane: int, combination: Floats) -> Floats:
-    """Return the (12, 12) joint error covariance where a plane restarts from the combined estimate.
+    """Return the (12, 12) joint error covariance where plane `plane` restarts from the combined estimate.
 
     `combination` is (6, 12): the combined state as a linear function of the planes' states.
     """
@@ -128,7 +131,7 @@ def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floa
 
 
 def _roots(covariance: Floats) -> tuple[Floats, Floats]:
-    """Return the symmetric square root of a covariance, and its inverse."""
+    """Return the symmetric square root of a covariance (n, n), and its inverse; small eigenvalues are raised."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     sd = np.sqrt(np.maximum(values, max(MIN_RELATIVE_VARIANCE * values[-1], 1e-300)))
     return (vectors * sd) @ vectors.T, (vectors / sd) @ vectors.T
@@ -148,7 +151,7 @@ class PlanePosterior(NamedTuple):
 
 
 class CombinedPosterior(NamedTuple):
-    """Combined 3-D posterior of two planes."""
+    """State in space combined of two planes' posteriors."""
 
     mean: Floats  # (6,) x, y, z, vx, vy, vz
     covariance: Floats  # (6, 6)
@@ -156,7 +159,7 @@ class CombinedPosterior(NamedTuple):
 
 
 def shared_axis(p: int, q: int) -> int:
-    """Return the coordinate axis that two different planes have in common."""
+    """Return the coordinate axis (0, 1 or 2 for x, y, z) that the different planes `p` and `q` have in common."""
     return next(k for k in AXES[p] if k in AXES[q])
 
 
@@ -169,7 +172,7 @@ def combine(
 
     Args:
         planes: two different ones.
-        flat: what they know.
+        flat: their posteriors.
         rule: `inverse` weighs position and velocity by inverse variance, `planes-weighted` by the sums of the
             unnormalised weights (Eq. 2.19), `equal` evenly (Eq. 2.21).
         errors: (12, 12) covariance of the errors of all planes, see `occlog.track.methods.in_space.planes`.
@@ -185,7 +188,15 @@ def combine(
 
 
 def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], rule: str) -> Floats:
-    """Return the (2, 2) weights of the two planes for position and velocity of the common axis."""
+    """Return the (2, 2) weights of two planes (rows) for position and velocity (columns) of their common axis.
+
+    Columns sum to 1.
+
+    Args:
+        flat: posteriors of the two planes.
+        rows: of each plane, where position and velocity of that axis are in its state.
+        rule: see `combine`.
+    """
     if rule == "equal":
         return np.full((2, 2), 0.5)
     if rule == "planes-weighted":
@@ -212,7 +223,10 @@ class ProjectedAngles(NamedTuple):
 
 
 def plane_angles(heard: ScanDirections) -> ProjectedAngles:
-    """Return projected angles and standard deviations [rad]; a bare azimuth counts in plane xy only."""
+    """Return the R directions of a scan projected to the planes, with their noise.
+
+    A bare azimuth counts in plane xy only.
+    """
     s = heard.sights
     phi = np.where(heard.flat, 0.5 * math.pi, s.phi)
     toward = np.einsum("rij,rj->ri", heard.rotation, direction(heard.theta, phi))
@@ -248,7 +262,11 @@ def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near:
 
 
 def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
-    """Return the planes by the paper's printed rule on polar angles; sensors without elevation are ignored."""
+    """Return the planes by the paper's printed rule on polar angles; sensors without elevation are ignored.
+
+    `rows` (N,) is each sensor's direction, -1 for none; if none has an elevation, plane xy of the first sensor with a
+    direction is completed by `before`.
+    """
     phi = np.where(rows >= 0, heard.sights.phi[rows], np.nan)
     finite = np.flatnonzero(~np.isnan(phi))
     if not len(finite):
@@ -266,7 +284,10 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
 
 
 def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -> Ints:
-    """Return (N,) for each sensor the row that points nearest to a position; -1 for a sensor without detection."""
+    """Return (N,) for each sensor the row that points nearest to position `near` (3,).
+
+    -1 for a sensor without detection. For NaN it is the sensor's first row.
+    """
     first = heard.sights.first
     to = near - heard.sights.position
     away = -np.einsum("ri,ri->r", angles.toward, to) / np.maximum(np.linalg.norm(to, axis=1), 1e-300)
@@ -310,11 +331,11 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, 
 
 
 def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> Floats:
-    """(L,) log likelihoods of a scan for (2, L) positions in a plane, up to a constant.
+    """(L,) log likelihoods of a scan for positions `ab` (2, L) on a plane's axes, up to a constant.
 
     Args:
         ab: positions.
-        own: measurement of the scan in the plane.
+        own: angles of the scan in the plane; without any, all are 0.
         heard: the scan.
         chances: see `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`.
     """
@@ -327,7 +348,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
 
 
 def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """Return a plane's angles of a scan as azimuths for the 3-D kernels, with an irrelevant third axis."""
+    """Return a plane's angles of a scan as azimuths in a space with an irrelevant third axis, for `propose`."""
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
@@ -350,10 +371,17 @@ def errors_after(
     own: dict[int, PlaneSights],
     flats: dict[int, PlanePosterior],
 ) -> Floats:
-    """Return the (12, 12) joint error covariance of the planes after a scan that those in `own` were updated with.
+    """Return the (12, 12) joint error covariance of the planes after a scan.
 
     Of a sensor's candidates, the one nearest to the plane's estimate counts, if within `GATE_SIGMAS` standard
     deviations.
+
+    Args:
+        errors: (12, 12) before the scan, at its time.
+        heard: the scan.
+        angles: of its rows.
+        own: by plane, the angles that it was updated with.
+        flats: by plane, its posterior.
     """
     s = heard.sights
     positions = np.zeros((3, 2))

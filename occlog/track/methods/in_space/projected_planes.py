@@ -80,7 +80,7 @@ class PpsState(NamedTuple):
 
 
 def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: ARG001
-    """State before the first scan."""
+    """Return the state before the first scan, without particles; `rng` is not used."""
     space = make_space(scene, config)
     astray = np.zeros(len(space.ears.reach), dtype=np.int64)
     return PpsState(space, plane_motions(space.motion), (), np.zeros((12, 12)), None, NOTHING, None, astray)
@@ -141,7 +141,7 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
 
 
 class PlaneUpdate(NamedTuple):
-    """Posteriors of the planes after a scan."""
+    """Particles and posteriors of the planes after a scan, and the state combined of two of them."""
 
     clouds: Clouds
     errors: Floats  # (12, 12)
@@ -153,7 +153,10 @@ class PlaneUpdate(NamedTuple):
 def _updated(
     state: PpsState, heard: ScanDirections, angles: ProjectedAngles, rng: Generator, dt: float
 ) -> ScanUpdate | PlaneUpdate:
-    """Return the planes updated at the time of a scan, dt [s] after the last one."""
+    """Return the planes updated at the time of a scan, `dt` [s] after the last one.
+
+    `angles` are the scan's directions projected to the planes.
+    """
     space, config = state.space, state.space.config
     assert state.joined is not None
     # Select the two planes with the least variance of angles, about where the target should be by now
@@ -171,7 +174,10 @@ def _updated(
 
 
 def predict(state: PpsState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Predict the position at a time not before the last scan; the state is not changed."""
+    """Predict the position at a time `t_ns` not before the last scan, by plane xy, without changing the state.
+
+    Before the first scan particles are uniform over the box of the room and all sensors.
+    """
     space, n = state.space, state.space.config.particles
     even = np.full(n, 1.0 / n)
     if state.joined is None or state.t_ns is None:
@@ -185,14 +191,17 @@ def predict(state: PpsState, t_ns: int, rng: Generator) -> ParticleSet:
 
 
 def trace(state: PpsState) -> GaussianTrace:
-    """Return what smoothing needs of the last step."""
+    """Return what smoothing needs of the last step: the combined mean and covariance."""
     assert state.t_ns is not None
     assert state.joined is not None
     return GaussianTrace(state.t_ns, state.joined.mean, state.joined.covariance, state.begun)
 
 
 def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate:
-    """Return initial 3-D particles: around `start` weighted by the first scan, or drawn from the scan."""
+    """Return initial particles in space: around `start` weighted by the first scan, or drawn from the scan.
+
+    They are drawn from the scan, with fallback `restart`, also if no particle around `start` agrees with it.
+    """
     space, config = state.space, state.space.config
     if config.start is None:
         return begin(space, heard, "", rng)
@@ -213,7 +222,10 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate
 def _started(
     state: PpsState, t_ns: int, heard: ScanDirections, angles: ProjectedAngles, draw: ScanUpdate, rng: Generator
 ) -> tuple[PpsState, Estimate]:
-    """Reinitialise all planes from 3-D particles."""
+    """Return the state with all planes reinitialised from particles in space, and the estimate.
+
+    `draw` are the particles (6, L), `angles` the scan's directions projected to the planes, `t_ns` its time.
+    """
     config = state.space.config
     mean, covariance = moments(draw.cloud, draw.weights)
     clouds, n = [], config.particles
@@ -236,7 +248,10 @@ def _started(
 
 
 def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
-    """Start suspended planes from the combined estimate when they are selected."""
+    """Return the state with planes of `pair` that did not run before started from the combined estimate.
+
+    With `running=all` nothing changes.
+    """
     if state.space.config.running == "all" or state.joined is None:
         return state
     before, clouds, errors = {p for _, p in state.pair}, list(state.clouds), state.errors
@@ -249,7 +264,7 @@ def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
 
 
 def _reseeded(joined: CombinedPosterior, plane: int, n: int, rng: Generator) -> Floats:
-    """Return (4, n) particles drawn around the combined estimate."""
+    """Return (4, n) particles of a plane (index) drawn from the combined Gaussian estimate."""
     rows = plane_axes(plane)
     root = root_of(joined.covariance[np.ix_(rows, rows)])
     return np.asarray(root @ rng.standard_normal((4, n)) + joined.mean[rows][:, None])
@@ -277,7 +292,11 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
 def _taken_in(
     state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: ProjectedAngles, rng: Generator
 ) -> tuple[Clouds, dict[int, PlanePosterior], dict[int, PlaneSights]]:
-    """Update the running planes; return all particles, and by running plane the posteriors and angles of the scan."""
+    """Update the running planes with a scan, `dt` [s] after the last one.
+
+    Return the particles of all planes, and, by running plane, its posterior and the angles it was updated with. `pair`
+    are the selected planes with the sensor of each.
+    """
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
     new, flats, likelihoods = list(state.clouds), {}, {}

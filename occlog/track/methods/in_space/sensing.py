@@ -45,7 +45,7 @@ class ArrayGeometry(NamedTuple):
 
 
 class ScanDirections(NamedTuple):
-    """R directions of a scan of N sensors, in sensor axes, as needed by the 3-D likelihoods."""
+    """R directions of a scan of N sensors: as sights in the world, and as angles in sensor axes."""
 
     sights: ScanDirectionSet
     theta: Floats  # (R,) measured azimuths in the sensor's frame [rad]
@@ -106,7 +106,10 @@ def pack_directions(scan: Scan, ears: ArrayGeometry, near: Floats, *, use_score:
 
 
 def _frames(theta: Floats, rotation: Floats) -> Floats:
-    """Return (R, 3, 3) world-axes frames of directions: rows along the azimuth, to its left, and up."""
+    """Return (R, 3, 3) frames of directions in world axes: rows along the azimuth, to its left, and up.
+
+    `theta` (R,) are azimuths in sensor axes [rad], `rotation` (R, 3, 3) world-from-sensor.
+    """
     c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
     x, y = rotation[:, :, 0], rotation[:, :, 1]
     frame = np.empty((len(theta), 3, 3))
@@ -115,7 +118,11 @@ def _frames(theta: Floats, rotation: Floats) -> Floats:
 
 
 def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -> Floats:
-    """Return (R,) standard deviations [rad] of azimuths, including the sensors' pose errors."""
+    """Return (R,) standard deviations [rad] of azimuths, including the sensors' pose errors.
+
+    `sigma` (R,) are those of the readings [rad], `sensor` (R,) indices in `ears`, `near` (2,) is about where the target
+    is.
+    """
     offset = near - ears.position[sensor, :2]
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 3.0 * ears.sigma_position[sensor])
     shift = ears.sigma_position[sensor] / np.where(distance > 0, distance, 1.0)
@@ -157,7 +164,10 @@ C = TypeVar("C", bound=SpaceConfig)
 
 
 class SpaceModel(NamedTuple, Generic[C]):
-    """Scene and settings as constants of the 3-D filters."""
+    """Scene and settings as constants of the filters in space.
+
+    `cone`: likelihoods of the angle from the line of sight.
+    """
 
     config: C
     ears: ArrayGeometry
@@ -172,7 +182,7 @@ class SpaceModel(NamedTuple, Generic[C]):
 
 
 def motion_of(config: SpaceConfig) -> AccelerationModel:
-    """Return the motion model from the settings."""
+    """Return the motion model in space that the settings give."""
     up = config.process_noise_density if config.process_noise_density_z is None else config.process_noise_density_z
     axes = AXES[PLANES.index(config.turn_plane)]
     return AccelerationModel(
@@ -184,7 +194,7 @@ def motion_of(config: SpaceConfig) -> AccelerationModel:
 
 
 def chances_of(config: SpaceConfig) -> ReportProbabilities:
-    """Return the measurement probabilities from the settings."""
+    """Return the probabilities of reports that the settings give."""
     return ReportProbabilities(
         config.false_alarm_probability,
         config.out_of_range_likelihood,
@@ -216,7 +226,7 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> SpaceModel[C]:
 
 
 def log_likelihood(xyz: Floats, heard: ScanDirections, space: SpaceModel[C]) -> Floats:
-    """Return (L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
+    """Return (L,) log likelihoods of a scan for positions `xyz` (3, L), up to a constant."""
     s = heard.sights
     each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
     uniform = heard.uniform
@@ -227,7 +237,7 @@ def log_likelihood(xyz: Floats, heard: ScanDirections, space: SpaceModel[C]) -> 
 
 
 def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) -> Floats:
-    """Return (L,) log factors for leaving the room: `out_of_room_likelihood` for particles that leave it now, else 1.
+    """Return (L,) log factors: log `out_of_room_likelihood` for particles that leave the room in a step, else 0.
 
     Args:
         before: (3, L) positions before a step; None: nothing was known, and the target was in the room.
@@ -241,7 +251,7 @@ def log_room_factor(before: Floats | None, after: Floats, space: SpaceModel[C]) 
 
 
 def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
-    """Return (L,) booleans: whether (3, L) positions are in the room; True if no room is known."""
+    """Return (L,) booleans: positions `xyz` (3, L) are in the room, on its free floor; True if no room is known."""
     if space.floor is None:
         return np.ones(xyz.shape[1], dtype=np.bool_)
     inside = on_floor(np.ascontiguousarray(xyz[:2].T), *space.floor)
@@ -249,7 +259,7 @@ def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
 
 
 def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
-    """Return (6, n) particles around a start state (`SpaceConfig.start`)."""
+    """Return (6, n) particles drawn around a start state, which has one of the forms of `SpaceConfig.start`."""
     unit = rng.standard_normal((6, n))
     mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))
     known = {3: 2, 4: 3}.get(len(start), 6)
@@ -263,7 +273,7 @@ def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng
 
 
 def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
-    """Draw (6, n) particles from a scan; return them with their log weights.
+    """Draw `n` particles from a scan; return them (6, n) with their log weights (n,).
 
     Positions are drawn along the lines of sight of all candidates to the border of the box of the room and all sensors,
     and some anywhere in it. The weights correspond to a uniform prior in the room (without a room, uniform in distance
@@ -289,7 +299,10 @@ def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng
 
 
 def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
-    """Return (n,) log prior densities at (3, n): uniform in distance from one of (S, 3) sensors, in any direction."""
+    """Return (n,) log prior densities at positions `xyz` (3, n): uniform in distance from one of S sensors.
+
+    Each sensor is as likely, in any direction; `position` (S, 3), `far` (S,) the largest distances.
+    """
     r = np.sqrt(np.sum((xyz.T[:, None] - position) ** 2, axis=2))
     each = np.where(r <= far, 1.0 / (4.0 * math.pi * far * np.maximum(r, MIN_RELATIVE_DISTANCE * far) ** 2), 0.0)
     with np.errstate(divide="ignore"):
@@ -307,7 +320,10 @@ def _speeds(space: SpaceModel[C]) -> Floats:
 
 
 def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Generator) -> Floats:
-    """Draw (3, n) positions along a direction, uniform in distance; for a bare azimuth, also uniform in height."""
+    """Draw (3, n) positions along direction `r` (row) of a scan, uniform in distance up to the border or the range.
+
+    For a bare azimuth they are also uniform in height.
+    """
     flat = math.isnan(s.phi[r])
     theta = s.sigma_theta[r] * rng.standard_normal(n)
     phi = np.full(n, 0.5 * math.pi) if flat else s.phi[r] + s.sigma_phi[r] * rng.standard_normal(n)
@@ -321,7 +337,10 @@ def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Gener
 
 
 def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Floats:
-    """Return (R, n) log volume elements of the directions at positions, per solid angle and share of length."""
+    """Return (R, n) log volume elements of R directions at positions `xyz` (3, n), per solid angle and share of length.
+
+    They are inf beyond a direction's far end, where none of its positions are.
+    """
     out = np.empty((len(s.phi), xyz.shape[1]))
     height = space.high[2] - space.low[2]
     for r, (position, frame) in enumerate(zip(s.position, s.frame, strict=True)):
@@ -337,7 +356,10 @@ def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Float
 
 
 def _way_out(space: SpaceModel[C], position: Floats, line: Floats, flat: bool) -> Floats:
-    """Return (n,) distances, > 0, from a sensor along directions (3, n) to the box of the room and all sensors."""
+    """Return (n,) distances, > 0, from a sensor to the box of the room and all sensors, along directions `line` (3, n).
+
+    `position` (3,) is the sensor's; `flat`: only the horizontal borders x and y count.
+    """
     d = 2 if flat else 3
     p = position[:d]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -58,7 +58,7 @@ class ScanRows(NamedTuple):
 
 @kernel
 def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, Floats]:
-    """Laplace approximations of the posteriors of n Gaussians.
+    """Laplace approximations of the posteriors of n particles, each with the prior N(m0, R R^T).
 
     Args:
         mean: (3, n) m0.
@@ -172,12 +172,12 @@ def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, 
 def draw(
     modes: Floats, factors: Floats, chosen: Ints, defensive: float, u: Floats, noise: Floats
 ) -> tuple[Floats, Floats]:
-    """Places drawn from the importance densities, and the logarithms of prior over importance density.
+    """Positions drawn from the importance densities, and the logarithms of prior over importance density.
 
     Args:
         modes: (3, L) m, from `adapt`.
-        factors: (6, L) L.
-        chosen: (n,) which of them.
+        factors: (6, L) L, from `adapt`.
+        chosen: (n,) which of the L densities to draw from.
         defensive: share e that is drawn from N(0, I), in (0, 1).
         u: (n,) uniform in [0, 1).
         noise: (3, n) standard normal.

@@ -41,7 +41,11 @@ class ScanDirectionSet(NamedTuple):
 
 
 class ReportProbabilities(NamedTuple):
-    """Probabilities of detections, false alarms and clutter; see `scan_log_likelihood`."""
+    """Probabilities of detections, false alarms and clutter.
+
+    `false`: of a labelled report from anywhere; `soften`: factor for a target out of range; `candidate`: of the target
+    being among a sensor's candidates; `clutter`: expected number of others.
+    """
 
     false: float
     soften: float
@@ -201,10 +205,10 @@ def scan_log_likelihood(
     Args:
         each: (R, L) log densities.
         first: (N + 1,) rows of each sensor.
-        labelled: (N,)
+        labelled: (N,) the sensor's sights are labelled as the target.
         share: (R,) factor of a candidate's density.
         uniform: (R,) density u of clutter.
-        chances: as above.
+        chances: the probabilities above.
     """
     total = np.zeros(each.shape[1])
     for n in range(len(first) - 1):
@@ -222,7 +226,7 @@ def scan_log_likelihood(
 
 
 def rows_of(sights: ScanDirectionSet, keep: Bools) -> ScanDirectionSet:
-    """Return the selected rows, without their sensor assignment."""
+    """Return the rows `keep` (R,) of the sights; `first` and `labelled` stay those of all, and do not fit any more."""
     s = sights
     return s._replace(
         position=s.position[keep],
