@@ -84,7 +84,10 @@ def feature_likelihood(sums: Floats) -> FeatureLikelihood:
 
 @kernel
 def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
-    """Log likelihood ratio of a feature value, shrunk towards 0 for small samples; 0 for NaN."""
+    """Log likelihood ratio (correct box against other box) of a feature value, shrunk towards 0 for small samples.
+
+    It is at most `MAX_LOG_FEATURE_RATIO` in size; 0 for NaN.
+    """
     same, other = (
         (value - law.mean[SAME_TARGET]) / law.deviation[SAME_TARGET],
         (value - law.mean[OTHER_TARGET]) / law.deviation[OTHER_TARGET],
@@ -98,7 +101,7 @@ def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
 
 @kernel
 def _log_ratios(law: FeatureLikelihood, value: Floats) -> Floats:
-    """(n,) clipped log likelihood ratios of feature values; vectorised `log_ratio_at`."""
+    """(n,) log likelihood ratios of feature values (n,), as `log_ratio_at` gives them one by one."""
     out = np.empty(value.shape[0])
     for k in range(value.shape[0]):
         out[k] = log_ratio_at(law, value[k])
@@ -120,7 +123,7 @@ def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
 
 
 def are_histograms(*appearance: Floats) -> bool:
-    """Whether vectors (.., K) are histograms: nonnegative, with sum 1; NaN vectors (no appearance) are ignored.
+    """Return whether vectors (.., K) are histograms: nonnegative, with sum 1; NaN vectors (no appearance) are ignored.
 
     Embeddings of networks have norm 1 instead, and may be nonnegative, too.
     """
@@ -132,9 +135,9 @@ def are_histograms(*appearance: Floats) -> bool:
 
 
 def similarity(gallery: Floats, boxes: Floats) -> Floats:
-    """(N, M) similarity of appearances (N, K) of people and (M, K) of boxes; NaN if either has no appearance.
+    """(N, M) similarity of appearances (N, K) of people and (M, K) of boxes, at most 1.
 
-    The Bhattacharyya coefficient of histograms, or the cosine of embeddings.
+    NaN if either has no appearance. The Bhattacharyya coefficient of histograms, or the cosine of embeddings.
     """
     if gallery.shape[1] == 0:
         return np.full((len(gallery), len(boxes)), np.nan)
@@ -229,7 +232,10 @@ def count_clutter_scores(cues: AssociationFeatures, scores: Floats) -> Associati
 
 
 def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -> tuple[Ints, Floats]:
-    """Return the tracklet IDs (N, C) and mean appearances (N, K) of people; `NO_ID` and NaN for new people."""
+    """Return the tracklet IDs (N, C) and mean appearances (N, K = `dimension`) of people.
+
+    `NO_ID` and NaN if unknown.
+    """
     hint = np.full((len(people.key), cues.hint.shape[1]), NO_ID, dtype=np.int64)
     appearance = np.full((len(people.key), dimension), np.nan)
     _, mine, theirs = np.intersect1d(people.key, cues.key, assume_unique=True, return_indices=True)
@@ -240,7 +246,7 @@ def _features_of(cues: AssociationFeatures, people: TargetSet, dimension: int) -
 
 
 def appearance_of(frame: FrameDetections, dimension: int) -> Floats:
-    """(n, K) appearances of a frame's boxes; NaN if the frame has none."""
+    """(n, K = `dimension`) appearances of a frame's boxes; NaN if the frame has none of this length."""
     if frame.appearance.shape[1] == dimension:
         return frame.appearance
     return np.full((len(frame.boxes), dimension), np.nan)

@@ -64,7 +64,10 @@ INTERVAL_TOLERANCE = 0.2
 
 @dataclass(frozen=True)
 class EdgeErrorStatistics:
-    """Sums of squared box disagreements over all boxes so far, priors included, for the noise model; C cameras."""
+    """Sums of squared box disagreements over all boxes so far, priors included, for the noise model; C cameras.
+
+    `metre` is the length of a metre in the scene's unit.
+    """
 
     metre: float
     bias: Floats  # (C, 4)
@@ -84,7 +87,10 @@ class EdgeErrorStatistics:
 
 
 def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeErrorStatistics:
-    """Prior sums of the noise model for a number of cameras."""
+    """Return the sums of the noise model before any box, for `cameras` cameras.
+
+    `metre` is one metre in the scene's unit.
+    """
     a = np.array([0.5, 2.0, 0.5, 2.0]) * config.edge_noise_px**2
     b = np.array([1.0, 4.0, 1.0, 4.0]) * config.relative_edge_noise**2
     x = np.stack([np.ones_like(SIZES), SIZES**2])
@@ -106,10 +112,10 @@ def prior_edge_errors(cameras: int, metre: float, config: JipdaConfig) -> EdgeEr
 
 
 def edge_noise_variance(edges: EdgeErrorStatistics) -> Floats:
-    """Noise model of box centres and sizes.
+    """Noise model (4, 2) of box centres and sizes: centre and width across, then centre and height down.
 
-    (4, 2): constant variance [px^2] and coefficient of the squared size, by nonnegative least squares; the second of
-    centres is without the part that is correlated in time.
+    Columns are the constant variance [px^2] and the coefficient of the squared size, by nonnegative least squares; the
+    second of centres is without the part that is correlated in time.
     """
     out = np.linalg.solve(edges.normal, edges.right[..., None])[..., 0]
     for k in range(4):
@@ -208,6 +214,14 @@ def _changes(
     """Update the sums of squared residual changes over two frames and over one frame.
 
     Their ratio is (1 - r^2) / (1 - r), with r the frame-to-frame correlation; slower errors cancel.
+
+    Args:
+        edges: before.
+        t_ns: time of the time step.
+        used: (n,) indices of the boxes that count.
+        camera: (M,) of all boxes.
+        found: disagreement of the boxes.
+        key: (n,) people whom the boxes are of.
     """
     noise, sums = edge_noise_variance(edges), edges.changes.copy()
     noise[MIDDLES, 1] += correlated_noise(edges)
@@ -281,9 +295,9 @@ def _gait_variance(edges: EdgeErrorStatistics, t_ns: int, found: BoxDisagreement
 def reliable_boxes(
     boxes: PackedDetections, owner: Ints, beta: Floats, visible: Floats, sure: Bools, least: float
 ) -> Bools:
-    """Select (M,) boxes from which detectors are learned.
+    """Return (M,) booleans: detectors are learned from this box.
 
-    They are not truncated, and surely of an unoccluded person who surely exists.
+    Such boxes are not truncated, and surely of an unoccluded person who surely exists.
 
     Args:
         boxes: M boxes of L frames.
@@ -380,7 +394,7 @@ class DetectorStatistics:
 
 
 def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
-    """Prior counts for a number of cameras."""
+    """Return the counts before any frame, for `cameras` cameras: priors by the settings."""
     return DetectorStatistics(
         detected=np.tile([PRIOR_FRAMES * config.detection_probability, PRIOR_FRAMES], (cameras, 1)),
         clutter=np.tile([PRIOR_FRAMES * config.clutter_rate, PRIOR_FRAMES], (cameras, 1)),
@@ -438,7 +452,7 @@ def common_clutter_ratio(counts: DetectorStatistics) -> float:
 
 
 def track_termination_rate(counts: DetectorStatistics) -> float:
-    """Track termination rate: people who leave, per person and second."""
+    """Track termination rate: people who leave, per person and second [1/s]."""
     return float(counts.left[0] / counts.left[1])
 
 
@@ -484,7 +498,7 @@ def source_rates(sources: Clutter, again: float) -> Floats:
 
 
 def established(sources: Clutter) -> Clutter:
-    """Select the established clutter sources, detected in most of many frames; they apply to confirmed tracks, too."""
+    """Return the established clutter sources, detected in most of many frames; they apply to confirmed tracks, too."""
     sure = (sources.tries >= ESTABLISHED_FRAMES) & (sources.age >= ESTABLISHED_S)
     sure &= sources.hits > ESTABLISHED_SHARE * sources.tries
     return Clutter(*(part[sure] for part in sources))
@@ -575,20 +589,29 @@ def persistent_clutter_density(
 
 
 def _variances(box: Floats, noise: Floats) -> Floats:
-    """(n, 4) variances [px^2] of the difference between two boxes (n, 4) of one clutter source."""
+    """(n, 4) variances [px^2] of the difference of two boxes of one clutter source, near boxes `box` (n, 4).
+
+    Columns and `noise` (4, 2) are as in `DetectorModel.noise`: centre and width, centre and height.
+    """
     width, height = (box[:, 2:] - box[:, :2]).T
     extent = np.column_stack([height, width, height, height])
     return np.asarray(2.0 * NOISE_INFLATION * (noise[:, 0] + noise[:, 1] * extent**2))
 
 
 def _squared_distances(now: Floats, old: Floats, noise: Floats) -> Floats:
-    """(m, n) squared Mahalanobis distances of boxes (m, 4) from the boxes of clutter sources (n, 4)."""
+    """(m, n) squared Mahalanobis distances of boxes `now` (m, 4) from the boxes `old` (n, 4) of clutter sources.
+
+    `noise` (4, 2) are variances as in `DetectorModel.noise`.
+    """
     off = _centres_and_sizes(now)[:, None] - _centres_and_sizes(old)
     return np.asarray((off**2 / _variances(old, noise)).sum(axis=2))
 
 
 def squared_distance(now: Floats, old: Floats, noise: Floats) -> Floats:
-    """(n,) squared Mahalanobis distances of boxes (n, 4) from the previous boxes (n, 4) of the same clutter sources."""
+    """(n,) squared Mahalanobis distances of boxes `now` (n, 4) from previous boxes `old` (n, 4) of their sources.
+
+    `noise` (4, 2) are variances as in `DetectorModel.noise`.
+    """
     off = _centres_and_sizes(now) - _centres_and_sizes(old)
     return np.asarray((off**2 / _variances(old, noise)).sum(axis=1))
 

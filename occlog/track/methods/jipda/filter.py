@@ -519,7 +519,16 @@ def _learned_positions(
     owner: Ints,
     beta: Floats,
 ) -> PositionErrors:
-    """Update the error model of position sensors with positions that surely belong to an existing person."""
+    """Return the error model of position sensors, updated with positions that surely belong to an existing person.
+
+    Args:
+        state: before the time step.
+        frames: of the time step.
+        boxes: these packed; M boxes.
+        people: N people after the update.
+        owner: (M,) likeliest person; negative: none.
+        beta: (N, M) probability that a box is of a person.
+    """
     errors = state.positions
     for k, frame in enumerate(frames):
         if frame.covariance is None:
@@ -537,7 +546,7 @@ def _learned_positions(
 
 
 def _in_room(xy: Floats, room: Floats, margin: float) -> Bools:
-    """(n,) mask of positions (n, 2) inside a polygon, or outside it by less than a margin."""
+    """(n,) booleans: position `xy` (n, 2) is inside polygon `room` (K, 2), or outside it by less than `margin`."""
     near = [distance_to_boundary(float(x), float(y), room) < margin for x, y in xy]
     return np.asarray(inside_polygon(xy, room) | np.array(near, dtype=np.bool_))
 
@@ -583,7 +592,7 @@ def associate(
 
 
 def pack_detections(state: JipdaState, frames: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """Pack the frames of a time step for the kernels."""
+    """Pack the frames of a time step at `t_ns` for the kernels, with delays, usable edges and clutter densities."""
     box = np.concatenate([frame.boxes for frame in frames]).reshape(-1, 4).astype(np.float64)
     camera = np.array([frame.camera for frame in frames], dtype=np.int64)
     count = [len(frame.boxes) for frame in frames]
@@ -648,7 +657,14 @@ def _update_clutter(
 def associations_of(
     beta: Floats, joint: Floats, boxes: PackedDetections, frames: Sequence[FrameDetections]
 ) -> BoxAssociations:
-    """Associations of boxes with people: probabilities alone, and as merged detections."""
+    """Return the associations of boxes with people that have at least `MIN_ASSOCIATION_PROBABILITY`.
+
+    Args:
+        beta: (N, M) probability that a box is a person's alone.
+        joint: (N, M) that it is the person's and a neighbour's, merged.
+        boxes: M packed boxes.
+        frames: of the time step, in the order of the boxes.
+    """
     person, box = np.nonzero(beta + joint > MIN_ASSOCIATION_PROBABILITY)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     row = np.concatenate([frame.row for frame in frames])

@@ -61,7 +61,7 @@ class DirectionsOfArrival(NamedTuple):
 
 
 class BoxAssociations(NamedTuple):
-    """Detection-to-track associations with probabilities; k pairs."""
+    """Associations of k boxes with tracks, with their probabilities."""
 
     person: Ints  # (k,) index in `TrackSnapshot.ids`
     camera: Ints  # (k,) index in the list of cameras

@@ -26,7 +26,10 @@ MIN_SIMILARITY_DIFFERENCE = 0.01
 
 
 class AppearanceVectors(NamedTuple):
-    """Appearance sums of n nodes, vectors of K numbers; K is 0 if boxes have no appearance."""
+    """Appearance of n nodes (boxes of one person at one time step) as unit vectors of K numbers, with their statistics.
+
+    K is 0 if boxes have no appearance.
+    """
 
     total: Floats  # (n, K) sum over the boxes of the position
     boxes: Floats  # (n,) boxes with an appearance
@@ -51,7 +54,10 @@ def no_sums(alike: AppearanceVectors) -> AppearanceSums:
 
 @kernel
 def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> float:
-    """Log likelihood ratio that `count` boxes are of one person, from the squared norm of their vector sum."""
+    """Log likelihood ratio that `count` boxes are of one person, against different people; 0 for fewer than two boxes.
+
+    `square` is the squared norm of the sum of their unit appearance vectors; `law` are the similarities learned.
+    """
     if count < 2.0:
         return 0.0
     same, other = law.mean[SAME_TARGET], law.mean[OTHER_TARGET]
@@ -64,9 +70,9 @@ def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> flo
 
 @kernel
 def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
-    """Log likelihood ratio that the boxes of a track up to node i, of node k, and from node j on are of one person.
+    """Log likelihood ratio that the boxes of up to three parts of a track are of one person.
 
-    Each of the nodes may be -1 (absent).
+    The parts are a track up to and with node `i`, node `k`, and a track from node `j` on; -1 leaves a part out.
     """
     if alike.total.shape[1] == 0:
         return 0.0
@@ -91,7 +97,10 @@ def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: 
 
 @kernel
 def sum_up(alike: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
-    """Compute the cumulative sums, in both directions, of the track that contains node k; -1: no node."""
+    """Recompute the cumulative sums, in both directions, of the track that contains node `k`, in place; -1: no node.
+
+    `before` and `after` (n,) are the previous and the next node of each in its track, -1 for none.
+    """
     if k < 0 or alike.total.shape[1] == 0:
         return
     while before[k] >= 0:

@@ -50,7 +50,7 @@ class AssociatedPeople(NamedTuple):
 
 
 class PredictedPeople(NamedTuple):
-    """N people predicted at a time step."""
+    """N people predicted at a time step, with their states and existence probabilities."""
 
     track: Ints  # (N,)
     mean: Floats  # (N, 6)
@@ -67,7 +67,7 @@ class AssociatedBoxes(NamedTuple):
     visible: Floats  # (L, N)
 
     def without(self, far: Ints) -> AssociatedBoxes:
-        """Remove the people with indices `far` and their associations."""
+        """Return the association without the people with the indices `far`."""
         stay = np.setdiff1d(np.arange(len(self.beta)), far)
         p = self.people
         people = PredictedPeople(p.track[stay], p.mean[stay], p.covariance[stay], p.existence[stay])
@@ -77,7 +77,10 @@ class AssociatedBoxes(NamedTuple):
 def associate(
     state: JipdaState, boxes: PackedDetections, rates: DetectorModel, people: PredictedPeople, bonus: Floats
 ) -> AssociatedBoxes:
-    """Update the people with the boxes of one time step (JIPDA over all cameras jointly, as in the filter)."""
+    """Update the people with the boxes of one time step, by JIPDA over all cameras jointly as in the filter.
+
+    `bonus` (N, M) are log likelihood ratios of features; the result's probabilities include existence.
+    """
     after = update_targets(
         people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus,
         UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
@@ -95,7 +98,7 @@ def assign_boxes(
     appearance: Floats,
     seen: AssociatedBoxes,
 ) -> AssociatedPeople:
-    """Associate boxes with predicted people, initiate new people from unassigned boxes, and give each person its boxes.
+    """Give predicted people the boxes that are most probably theirs, and initiate new people from unassigned boxes.
 
     Args:
         state: of the filter.
@@ -103,7 +106,10 @@ def assign_boxes(
         rates: of the detectors.
         hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
         appearance: (M, K) vectors of length 1; NaN: none.
-        seen: who are accepted to be there, after the boxes.
+        seen: predicted people that are accepted to be there, updated with the boxes.
+
+    Returns:
+        Those who have a box, predicted ones first; without predicted people whose boxes fit nowhere (`MIN_LOG_FIT`).
     """
     people, beta, joint = seen.people, seen.beta, seen.joint
     c = state.config

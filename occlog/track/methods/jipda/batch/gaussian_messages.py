@@ -49,7 +49,16 @@ def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
 
 @kernel
 def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean: Floats, out: Floats) -> None:
-    """Predict: write the mean F m (6,) and the covariance F P F' + Q (6, 6) a time dt later."""
+    """Write the predicted mean F m (6,) and covariance F P F' + Q (6, 6) of a state, a time `dt` [s] later.
+
+    Args:
+        mean: (6,) m.
+        covariance: (6, 6) P.
+        dt: length of the step [s].
+        drift: (3,) noise densities, as in `noise_of_walk`.
+        out_mean: (6,) written.
+        out: (6, 6) written.
+    """
     t = max(dt, MIN_STEP_S)
     noise_of_walk(t, drift, out)
     for a in range(STATE_SIZE):
@@ -157,7 +166,8 @@ def log_begun(prior: Floats, at: Floats, J: Floats, h: Floats, c: Floats) -> Flo
 def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
     """Log of the integral of a Gaussian density times a measurement factor, without changing the density.
 
-    With P = L L', A = I + L' J L and v = L' (h - J m) it is c + h' m - m' J m / 2 + (v' A^-1 v - log|A|) / 2.
+    The density has `mean` m (6,) and `covariance` P (6, 6), the factor is exp(c + h' s - s' J s / 2). With P = L L',
+    A = I + L' J L and v = L' (h - J m) it is c + h' m - m' J m / 2 + (v' A^-1 v - log|A|) / 2.
     """
     L, A = np.empty((STATE_SIZE, STATE_SIZE)), np.empty((STATE_SIZE, STATE_SIZE))
     v, off = np.empty(STATE_SIZE), np.empty(STATE_SIZE)
@@ -216,9 +226,11 @@ def log_integral(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: floa
 
 @kernel
 def predict_backwards(J: Floats, h: Floats, c: float, dt: float, drift: Floats, out_J: Floats, out_h: Floats) -> float:
-    """Propagate a factor of the state a time dt backwards (convolution with the process noise); return its constant.
+    """Propagate the factor exp(c + h' s - s' J s / 2) of the state a time `dt` [s] backwards, and return its constant.
 
-    With C = (Q^-1 + J)^-1 it is J - J C J, h - J C h, c + (h' C h + log|C| - log|Q|) / 2, before F is applied.
+    Write its `out_J` (6, 6) and `out_h` (6,); `drift` (3,) are noise densities as in `noise_of_walk`. It is convolved
+    with the process noise Q: with C = (Q^-1 + J)^-1 it is J - J C J, h - J C h, c + (h' C h + log|C| - log|Q|) / 2,
+    before the transition F is applied.
     """
     t = max(dt, MIN_STEP_S)
     Q, inner, C = (

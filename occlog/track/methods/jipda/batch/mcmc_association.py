@@ -49,7 +49,10 @@ the chain does not see."""
 
 
 class TrackletNodes(NamedTuple):
-    """n nodes (the boxes of one person at one time step), sorted by time step; C cameras."""
+    """n nodes (the boxes of one person at one time step), sorted by time step.
+
+    C cameras, I identities of the filter.
+    """
 
     step: Ints  # (n,) index of the time step
     time: Floats  # (n,) [s]
@@ -123,7 +126,7 @@ class MarkovChainState(NamedTuple):
 
 @kernel
 def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
-    """Whether node j can be the successor of node i in a track: later, and within the distance a person can walk."""
+    """Return whether node j can be the successor of node i: later, and within the distance that a person can walk."""
     gap = nodes.step[j] - nodes.step[i]
     if gap < 1 or gap > walk.reach:
         return False
@@ -134,7 +137,10 @@ def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
 
 @kernel
 def candidates(nodes: TrackletNodes, walk: WalkModel, neighbour_distance: float) -> LinkCandidates:
-    """List candidate links, and pairs of nodes of one time step nearer to each other than `neighbour_distance`."""
+    """List candidate links of each node, and pairs of nodes of one time step that are near each other.
+
+    `neighbour_distance` is the largest distance of such a pair, in the scene's unit.
+    """
     n = nodes.step.shape[0]
     first_next, first_last, first_neighbour = (
         np.zeros(n + 1, np.int64),
@@ -181,7 +187,7 @@ def candidates(nodes: TrackletNodes, walk: WalkModel, neighbour_distance: float)
 
 
 def empty_link_cache(listed: LinkCandidates) -> LinkCache:
-    """Create an empty cache of link probabilities."""
+    """Return a cache of link probabilities without valid entries, for the links in `listed`."""
     pairs, n = len(listed.next), len(listed.first_next) - 1
     stamp = np.full(pairs, NO_NODE)
     return LinkCache(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NO_NODE))
@@ -189,7 +195,10 @@ def empty_link_cache(listed: LinkCandidates) -> LinkCache:
 
 @kernel
 def log_link_prior(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, j: int) -> float:
-    """Log prior of a link from node i to node j without motion: survival, missed detections, tracklet IDs."""
+    """Log prior of a link from node i to node j without motion: survival, missed detections, and identities.
+
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    """
     total: float = -(nodes.time[j] - nodes.time[i]) / walk.stay
     a, b = nodes.step[i] + 1, nodes.step[j]
     if b > a:
@@ -215,9 +224,22 @@ def joined(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
 ) -> tuple[float, int]:  # fmt: skip
-    """Log probability of a track from the forward message of node i and the backward message of node j; motion model.
+    """Log probability of a track from the forward message of node i and the backward message of node j, and its motion.
 
     The most probable motion model between the two is returned: constant velocity, manoeuvre or posture change.
+
+    Args:
+        nodes: all nodes.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        i: node.
+        mean: (6,) of its forward message.
+        covariance: (6, 6) of its forward message.
+        past: log likelihood of its forward message.
+        j: later node.
+        J: (6, 6) of its backward message.
+        h: (6,) of its backward message.
+        future: constant of its backward message.
     """
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     dt = nodes.time[j] - nodes.time[i]
@@ -234,7 +256,7 @@ def joined(
 
 @kernel
 def log_of_model(walk: WalkModel, dt: float, model: int) -> float:
-    """Log probability that a manoeuvre, or a posture change, begins within dt; for model 0, that none does."""
+    """Log probability that a manoeuvre, or a posture change, begins within `dt` [s]; for model 0, that none does."""
     if model == CONSTANT_VELOCITY:
         return -float(np.sum(walk.often)) * dt
     return math.log(1.0 - math.exp(-walk.often[model] * dt))
@@ -246,7 +268,8 @@ def log_link_probability(
 ) -> float:
     """Log probability of the track in which node j follows node i.
 
-    `NO_NODE` for i is a start, for j an end; 0 if both are.
+    `NO_NODE` for i is a start, for j an end; 0 if both are. `frame_counts` (T + 1, C) is the number of frames of each
+    camera before each time step.
     """
     if i == NO_NODE and j == NO_NODE:
         return 0.0
@@ -274,7 +297,11 @@ def cached_link(
     i: int,
     j: int,
 ) -> float:
-    """`log_link_probability`, cached for links of listed nodes until one of their messages changes."""
+    """Log probability of the track in which node j follows node i, as `log_link_probability`, from a cache.
+
+    An entry of `known` (for the links in `listed`) is valid until one of its messages changes; then it is recomputed.
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    """
     if j == NO_NODE:
         return log_link_probability(nodes, walk, frame_counts, chain, i, j)
     if i == NO_NODE:
@@ -308,7 +335,19 @@ def forward_of(
     mean: Floats,
     P: Floats,
 ) -> float:
-    """Write the forward message of node k after node i (`NO_NODE`: start); return its log likelihood."""
+    """Write the forward message of node k after node i (`NO_NODE`: start), and return its log likelihood.
+
+    Args:
+        nodes: all nodes.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        chain: with the forward message of node i.
+        i: node before.
+        k: node.
+        model: motion model between the two.
+        mean: (6,) written.
+        P: (6, 6) covariance, written.
+    """
     if i == NO_NODE:
         begun = initial_density(walk.prior, walk.mean, nodes.J[k], nodes.h[k], nodes.c[k], mean, P)
         return float(nodes.birth[k] + begun)
@@ -322,7 +361,10 @@ def forward_of(
 def log_insertion_probability(
     nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int, k: int, j: int
 ) -> float:
-    """Log probability of the track in which node k lies between i and j (each may be `NO_NODE`)."""
+    """Log probability of the track in which node k lies between i and j, each of which may be `NO_NODE`.
+
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    """
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     model = CONSTANT_VELOCITY
     if i != NO_NODE:
@@ -339,7 +381,11 @@ def log_insertion_probability(
 
 @kernel
 def choose_motion(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, i: int) -> None:
-    """Set the motion model between node i and its successor to the most probable one."""
+    """Set the motion model between node i and its successor to the most probable one, in `chain`.
+
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step; nothing is done for
+    `NO_NODE`.
+    """
     if i == NO_NODE:
         return
     j = chain.after[i]
@@ -361,7 +407,11 @@ def update_messages(
     forward_at: int,
     backward_at: int,
 ) -> None:
-    """Recompute forward messages from one node on, and backward messages from another one, until they converge."""
+    """Recompute forward messages from node `forward_at` on, and backward ones from `backward_at` back, in `chain`.
+
+    Each stops where messages no longer change; `NO_NODE`: none is recomputed. `frame_counts` (T + 1, C) is the number
+    of frames of each camera before each time step.
+    """
     m, P = np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))
     k = forward_at
     while k != NO_NODE:
@@ -416,7 +466,10 @@ def update_messages(
 
 @kernel
 def insert_node(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState, k: int) -> None:
-    """Compute the messages of node k, and update those of the track that it has entered."""
+    """Compute the messages of node k, and update those of the track that it has entered, in `chain`.
+
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    """
     i, j = chain.before[k], chain.after[k]
     if i != NO_NODE:
         # As if it were the last position, then with what follows
@@ -445,7 +498,10 @@ def insert_node(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, cha
 
 @kernel
 def update_all_messages(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, chain: MarkovChainState) -> None:
-    """Recompute all messages of all tracks, after choosing the motion models by the current messages."""
+    """Recompute all messages and appearance sums of all tracks in `chain`, after choosing the motion models.
+
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
+    """
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
             choose_motion(nodes, walk, frame_counts, chain, k)
@@ -480,9 +536,10 @@ def sweep(
     temperature: float,
     drawn: Floats,
 ) -> int:
-    """Propose one move for each row of `drawn` (k, 4), uniform random numbers in [0, 1).
+    """Propose one move of the chain for each row of `drawn` (k, 4), uniform random numbers in [0, 1).
 
-    Return how many were accepted.
+    Return how many were accepted; `chain` is changed in place. Probabilities count to the power 1 / `temperature`.
+    `frame_counts` (T + 1, C) is the number of frames of each camera before each time step.
     """
     n = nodes.step.shape[0]
     accepted = 0
@@ -512,7 +569,19 @@ def propose_successor(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose another successor of node i, or none (exchange of tails)."""
+    """Propose another successor of node i, or none (exchange of tails); return 1 if it is accepted, else 0.
+
+    Args:
+        nodes: all nodes.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        listed: candidate links.
+        known: cache of link probabilities.
+        chain: changed in place if it is accepted.
+        i: node.
+        u: uniform in [0, 1), chooses the successor.
+        log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
+    """
     if not chain.used[i]:
         return 0
     count = listed.first_next[i + 1] - listed.first_next[i]
@@ -562,7 +631,20 @@ def propose_insertion(
     chain: MarkovChainState, k: int, u: float,
     log_u: float, temperature: float,
 ) -> int:  # fmt: skip
-    """Propose that node k enters a track or leaves its track."""
+    """Propose that node k enters a track or leaves its track; return 1 if it is accepted, else 0.
+
+    Args:
+        nodes: all nodes.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        listed: candidate links.
+        known: cache of link probabilities.
+        chain: changed in place if it is accepted.
+        k: node.
+        u: uniform in [0, 1), chooses the place in a track.
+        log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
+        temperature: of the chain; weighs the number of places from which an entry is drawn.
+    """
     before = listed.first_last[k + 1] - listed.first_last[k]
     after = listed.first_next[k + 1] - listed.first_next[k]
     log_options = temperature * math.log(before + after + 1.0)
@@ -623,7 +705,21 @@ def propose_swap(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose that node k and another node of the same time step exchange their places in tracks."""
+    """Propose that node k and another node of its time step exchange places in tracks.
+
+    Return 1 if it is accepted, else 0.
+
+    Args:
+        nodes: all nodes.
+        walk: motion models.
+        frame_counts: (T + 1, C) number of frames of each camera before each time step.
+        listed: nodes of one time step that may be swapped.
+        known: cache of link probabilities.
+        chain: changed in place if it is accepted.
+        k: node.
+        u: uniform in [0, 1), chooses the other node.
+        log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
+    """
     count = listed.first_neighbour[k + 1] - listed.first_neighbour[k]
     if count == 0:
         return 0

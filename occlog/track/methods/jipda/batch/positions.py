@@ -40,7 +40,7 @@ def smoothed_positions(
         tracks: their positions and factors.
         span: the time steps.
         own: (n,) variance of each position about the walk, per axis.
-        square: the same where a track has no position.
+        square: that variance where a track has no position.
         common: variance per axis and correlation time [s] of the common error of position.
         wide: inflation factor of the variances of walks, at least 1.
     """
@@ -65,7 +65,16 @@ def smoothed_positions(
 def _smoothed(
     walk: States, tracks: ChainTracks, span: WindowSpan, J: Floats, h: Floats, common: tuple[float, float]
 ) -> tuple[Floats, Floats]:
-    """Smoothed augmented states with the common error: (K, 8) and (K, 8, 8), all tracks of a time step at once."""
+    """Smoothed means (K, 8) and covariances (K, 8, 8) of the states with the common error of position added (2).
+
+    Args:
+        walk: K rows of tracks at time steps, in the order of time steps.
+        tracks: their positions and motion models.
+        span: the time steps.
+        J: (K, 6, 6) information of the boxes of each row; 0 without boxes.
+        h: (K, 6) its vector.
+        common: variance per axis and correlation time [s] of the common error.
+    """
     K = len(walk.track)
     bounds = np.searchsorted(walk.step, np.arange(len(span.time) + 1))
     information, vector = BODY.T @ J @ BODY, h @ BODY
@@ -112,7 +121,10 @@ def _smoothed(
 
 
 def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Prior mean (8,) and covariance (8, 8) of the augmented state of a new track."""
+    """Prior mean (8,) and covariance (8, 8) of the state of a new track with the common error of position added.
+
+    `common` is the variance per axis and the correlation time [s] of that error.
+    """
     mean, variance = np.zeros(FULL_SIZE), np.empty(FULL_SIZE)
     mean[2:STATE_SIZE] = tracks.walk.mean[2:]
     variance[:2], variance[2:STATE_SIZE] = (DIFFUSE_SIGMA_M * span.metre) ** 2, 1.0 / tracks.walk.prior[2:]
@@ -121,7 +133,10 @@ def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -
 
 
 def _transition(dt: float, drift: Floats, common: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Transition matrix F and process noise Q (8, 8) of a step dt [s], with the noise densities `drift` (3,)."""
+    """Transition matrix F and process noise Q (8, 8) of a step of `dt` [s], for a state with the common error added.
+
+    `drift` (3,) are noise densities as in `noise_of_walk`, `common` the variance per axis and correlation time [s].
+    """
     F, Q = np.eye(FULL_SIZE), np.zeros((FULL_SIZE, FULL_SIZE))
     F[0, 2] = F[1, 3] = dt
     noise_of_walk(dt, drift, Q[:STATE_SIZE, :STATE_SIZE])

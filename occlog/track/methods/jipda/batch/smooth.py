@@ -151,7 +151,10 @@ def smooth(
 
 
 def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> PackedDetections:
-    """Pack the frames of a time step, with clutter densities from the scores and clutter sources of all frames."""
+    """Pack the frames of a time step, with clutter densities from the scores and clutter sources of all frames.
+
+    `t_ns` is the time of the time step.
+    """
     boxes = pack_detections(state, group, t_ns)
     again = persistent_clutter_rate(state.counts)
     static = persistent_clutter_density(
@@ -163,7 +166,10 @@ def _scored(state: JipdaState, group: Sequence[FrameDetections], t_ns: int) -> P
 
 
 def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Sequence[TrackSnapshot]) -> WindowSpan:
-    """Collect the times, the numbers of frames of each camera, and the mean density of people."""
+    """Return the times, the numbers of frames of each camera, and the rates and densities of people of the time steps.
+
+    `packed` and `snapshots` are detections and filter results of each of them.
+    """
     frame_counts = np.zeros((len(snapshots) + 1, len(state.views.size)))
     for k, boxes in enumerate(packed):
         frame_counts[k + 1] = frame_counts[k]
@@ -184,7 +190,7 @@ def span_of(state: JipdaState, packed: Sequence[PackedDetections], snapshots: Se
 
 
 def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapshot) -> PackedDetections:
-    """Remove blind frames, those in which no box is found although the filter's people should be detected."""
+    """Return the detections without blind frames: no box is found although the filter's people should be detected."""
     visible = np.nan_to_num(snapshot.visibility[:, boxes.camera].T)
     knots = np.linspace(0.0, 1.0, len(rates.curve))
     detection = rates.detection[boxes.camera, None] * np.interp(visible, knots, rates.curve)
@@ -194,7 +200,10 @@ def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapsh
 
 
 def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> DetectorModel:
-    """Detector parameters at each camera's mean frame period; one of `between` frames is counted as independent."""
+    """Return the detector parameters at each camera's mean frame period.
+
+    One of `between` frames of a camera counts as independent, >= 1.
+    """
     # Mean frame period of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = span.gaps.sum() / (span.frame_counts[-1] - 1.0)
@@ -202,7 +211,10 @@ def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> Detecto
 
 
 def frames_between(span: WindowSpan, subset: WindowSpan) -> float:
-    """Number of a camera's frames per independent time step (minimum over cameras), at least 1."""
+    """Number of a camera's frames in `span` per frame in `subset`, a choice of its time steps; at least 1.
+
+    Of several cameras the least counts.
+    """
     frame_counts = subset.frame_counts[-1] > 0.0
     if not frame_counts.any():
         return 1.0
@@ -210,7 +222,7 @@ def frames_between(span: WindowSpan, subset: WindowSpan) -> float:
 
 
 def independent_steps(span: WindowSpan) -> Ints:
-    """Choose time steps at least `INDEPENDENT_AFTER_S` apart in some camera, so that errors are nearly independent."""
+    """Indices of time steps at least `INDEPENDENT_AFTER_S` apart in some camera: errors are nearly independent."""
     delivered = np.diff(span.frame_counts, axis=0) > 0.0
     chosen, last = [], np.full(delivered.shape[1], -np.inf)
     for k, t in enumerate(span.time.tolist()):
@@ -221,14 +233,14 @@ def independent_steps(span: WindowSpan) -> Ints:
 
 
 def at_steps(span: WindowSpan, chosen: Ints) -> WindowSpan:
-    """Restrict a span to the chosen time steps."""
+    """Return the span restricted to the time steps with the indices `chosen`."""
     delivered = np.diff(span.frame_counts, axis=0)[chosen]
     frame_counts = np.concatenate([np.zeros((1, delivered.shape[1])), np.cumsum(delivered, axis=0)])
     return span._replace(time=span.time[chosen], frame_counts=frame_counts)
 
 
 def _appearances(frames: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
-    """Unit appearance vectors (M, K) of the boxes of each time step; NaN: no appearance."""
+    """Return, for each time step, unit appearance vectors (M, K) of its boxes; NaN: no appearance."""
     every = [frame for group in frames for frame in group]
     dimension = max((frame.appearance.shape[1] for frame in every), default=0)
     histograms = are_histograms(*(frame.appearance for frame in every))
@@ -244,7 +256,7 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
     Args:
         tracks: of the positions.
         head: (N,) first positions of tracks.
-        node: (N,) position at the time step; NO_NODE.
+        node: (N,) position at the time step; NO_NODE: none.
         boxes: vectors of length 1.
     """
     appearance = tracks.chain.sums.later[head]
@@ -256,7 +268,10 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
 
 
 def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, followed: bool) -> Ints:
-    """(M, 2) identities of boxes: tracklet ID and, if `followed`, the filter's track; `NO_ID` if unknown."""
+    """(M, 2) identities of a time step's boxes: tracklet ID, and the filter's track; `NO_ID` if unknown.
+
+    `followed`: give the filter's tracks; otherwise they are unknown.
+    """
     by_tracker = np.concatenate([frame.tracklet_id for frame in group]).astype(np.int64)
     by_filter = np.full(len(by_tracker), NO_ID)
     if followed:
@@ -266,7 +281,10 @@ def _identities(group: Sequence[FrameDetections], snapshot: TrackSnapshot, follo
 
 
 def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> AssociatedBoxes:
-    """The filter's people and associations of a time step, in the form that batch association uses."""
+    """Return the filter's people and associations of a time step in the form of batch association.
+
+    `boxes` are the packed frames of `group`.
+    """
     beta = np.zeros((len(snapshot.ids), len(boxes.box)))
     joint = np.zeros_like(beta)
     supported, box = snapshot.support, _supporting(group, snapshot)
@@ -276,7 +294,7 @@ def _filtered(boxes: PackedDetections, group: Sequence[FrameDetections], snapsho
 
 
 def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> Ints:
-    """(k,) index of the box, within the time step, of each of the filter's k associations."""
+    """(k,) index, among all boxes of the time step's frames, of the box of each of the filter's k associations."""
     keys = ((frame.camera, row) for frame in group for row in frame.row.tolist())
     index_of = {key: k for k, key in enumerate(keys)}
     supported = snapshot.support
@@ -285,7 +303,7 @@ def _supporting(group: Sequence[FrameDetections], snapshot: TrackSnapshot) -> In
 
 
 def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float, metre: float) -> tuple[Floats, float]:
-    """Gait variance (n,) of the position of each node about its smooth track, and the new variance scale.
+    """Gait variance (n,) per axis of the position of each node about its smooth track, and the new variance scale.
 
     Nodes outside tracks get the scale.
 
@@ -331,7 +349,22 @@ def _reassociate(
     square: float,
     steps: Ints,
 ) -> dict[int, AssociatedBoxes]:
-    """Repeat the association of the boxes of some time steps, with the people of the smoothed tracks."""
+    """Associate the boxes of some time steps once more, with the people of the smoothed tracks.
+
+    The result is by time step.
+
+    Args:
+        state: of the filter.
+        packed: boxes of each time step.
+        rates: of the detectors.
+        hints: (M, 2) identities of the boxes of each time step.
+        appearance: (M, K) unit vectors of these.
+        tracks: of the chain.
+        span: the time steps.
+        own: (n,) variance of each node about its smooth track, per axis.
+        square: that variance where a track has no node.
+        steps: indices of the time steps.
+    """
     walk = _states(tracks, span, track_extension(span))
     # The position varies about the walk with the estimated variance
     spread = np.where(walk.node != NO_NODE, own[walk.node] if len(own) else 0.0, square)
@@ -353,7 +386,10 @@ def _reassociate(
 
 
 def _feature_ratios(boxes: PackedDetections, hint: Ints, tracks: ChainTracks, last: Ints, following: Ints) -> Floats:
-    """(N, M) log likelihood ratios of tracklet IDs, compared with those of the previous and next node of each track."""
+    """(N, M) log likelihood ratios of tracklet IDs, compared with those of the previous and next node of each track.
+
+    `hint` (M,) are the boxes' IDs, `last` and `following` (N,) the nodes; `NO_NODE`: none.
+    """
     out = np.zeros((len(last), len(hint)))
     if (hint == NO_ID).all():
         return out
@@ -378,7 +414,21 @@ def _smoothed_snapshots(
     common: tuple[float, float],
     wide: float,
 ) -> list[TrackSnapshot]:
-    """Smoothed people at every time step; tracks less likely than clutter are omitted."""
+    """Return smoothed people at every time step; tracks less likely than clutter are omitted.
+
+    Args:
+        tracks: of the chain.
+        span: the time steps.
+        packed: boxes of each.
+        frames: of each, as given to the filter.
+        snapshots: results of the filter at each.
+        seen: last association of each, by index.
+        own: (n,) variance of each node about its smooth track, per axis.
+        square: that variance where a track has no node.
+        walk: states of the tracks at the time steps.
+        common: variance per axis and correlation time [s] of the common error of position.
+        wide: inflation factor of the variances of walks.
+    """
     walk = walk.taken(np.flatnonzero(existence_at(tracks, span, walk) > MIN_PRESENCE_TO_REPORT))
     mean, covariance = smoothed_positions(walk, tracks, span, own, square, common, wide)
     covariance[:, [0, 1], [0, 1]] += (SYSTEMATIC_ERROR_HEIGHTS * mean[:, HEIGHT, None]) ** 2
@@ -436,7 +486,10 @@ def _seen_by(
     seen: AssociatedBoxes,
     cameras: int,
 ) -> tuple[BoxAssociations, Floats]:
-    """The boxes associated with the people of some rows, and the visibility (m, C) of these people."""
+    """Return the boxes associated with the people of `rows` of `walk`, and the visibility (m, C) of these m people.
+
+    `boxes` and `group` are the time step's, `seen` its last association, `cameras` C; visibility is NaN if unknown.
+    """
     visible = np.full((len(rows), cameras), np.nan)
     beta = np.zeros((len(rows), len(boxes.box)))
     joint = np.zeros_like(beta)
@@ -497,12 +550,15 @@ def add(
 
 
 def finish(window: SmoothingWindow, state: JipdaState) -> list[TrackSnapshot]:
-    """Return the remaining time steps at the end of the input."""
+    """Return the smoothed time steps that were not yet reported, at the end of the input."""
     return _report(window, state, len(window.snapshots))[1]
 
 
 def _report(window: SmoothingWindow, state: JipdaState, stop: int) -> tuple[SmoothingWindow, list[TrackSnapshot]]:
-    """Smooth the window, return the time steps before `stop` not yet reported, and shift the window."""
+    """Smooth the window, and return it shifted, with the smoothed time steps before `stop` that were not yet reported.
+
+    `stop` is an index in the window.
+    """
     if stop <= window.reported:
         return window, []
     smoothed = smooth(state, window.frames, window.snapshots, window.generator)
@@ -529,7 +585,8 @@ def _window_identities(
 ) -> tuple[dict[int, int], int]:
     """Map the identities of this window to those reported before, by position at the common time step.
 
-    Returns the map and the next free number. People without a match get new numbers.
+    `coming` are the time steps to be reported, `joint` the window's result at the last one reported, `metre` the length
+    units per metre. Return the map and the next free number; people without a match get new numbers.
     """
     number: dict[int, int] = {}
     if window.last is not None and len(window.last.ids) and len(joint.ids):
@@ -548,7 +605,10 @@ def _window_identities(
 
 
 def _renamed(snapshot: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
-    """Apply a map of identities to a time step, and sort it by them."""
+    """Return a time step with identities mapped by `number` and sorted by the new ones.
+
+    Events of unmapped ones are dropped.
+    """
     ids: Ints = np.array([number[k] for k in snapshot.ids.tolist()], dtype=np.int64)
     order = np.argsort(ids, kind="stable")
     index = np.empty(len(order), dtype=np.int64)
@@ -570,7 +630,10 @@ def _renamed(snapshot: TrackSnapshot, number: dict[int, int]) -> TrackSnapshot:
 
 
 def _first(snapshot: TrackSnapshot, last: TrackSnapshot | None) -> TrackSnapshot:
-    """First time step of a part, with events `initiated` and `terminated` relative to the last reported one."""
+    """Return the first time step of a part, with events `initiated` and `terminated` relative to the last reported one.
+
+    `last` None: nothing was reported.
+    """
     before = {} if last is None else dict(zip(last.ids.tolist(), last.existence.tolist(), strict=True))
     now = dict(zip(snapshot.ids.tolist(), snapshot.existence.tolist(), strict=True))
     events = [Event("initiated", k, NO_ID, p) for k, p in now.items() if k not in before]

@@ -34,12 +34,12 @@ class States(NamedTuple):
     covariance: Floats  # (K, 6, 6)
 
     def taken(self, rows: Ints) -> States:
-        """Select rows by a mask or indices."""
+        """Return the rows selected by a mask (K,) or by indices."""
         return States(*(np.asarray(getattr(self, name))[rows] for name in self._fields))
 
     @property
     def inside(self) -> Bools:
-        """(K,) mask of the rows between the first and the last node of their track (inclusive)."""
+        """(K,) booleans: the row is between the first and the last node of its track, or at one of them."""
         return np.asarray((self.node != NO_NODE) | ((self.last != NO_NODE) & (self.next != NO_NODE)))
 
 
@@ -77,7 +77,7 @@ def _count_states(nodes: TrackletNodes, chain: MarkovChainState, first: Ints, la
 def _states(
     nodes: TrackletNodes, walk: WalkModel, chain: MarkovChainState, time: Floats, first: Ints, last: Ints
 ) -> tuple[Ints, Ints, Ints, Ints, Ints, Ints, Floats, Floats]:
-    """Compute the columns of `States`, track by track."""
+    """Return the columns of `States` in their order, track by track; arguments are those of `states`."""
     K = _count_states(nodes, chain, first, last)
     track, step, heads = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
     node, past, coming = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)

@@ -186,7 +186,10 @@ def factors(
 
 @kernel
 def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
-    """Log density of the residuals of the edges in use; writes their precision matrix W (4, 4)."""
+    """Log density of the residuals `off` (4,) of a box's edges in `use` (4,) under their covariance `noise` (4, 4).
+
+    Write their precision matrix W (4, 4), 0 for edges that are not in use.
+    """
     W[:] = 0.0
     add_precision(noise, use, 1.0, W)
     value = 0.0
@@ -212,10 +215,11 @@ def log_of(off: Floats, use: Bools, noise: Floats, W: Floats) -> float:
 def widen_by_gait(
     J: Floats, h: Floats, c: Floats, gait_variance: Floats, out_J: Floats, out_h: Floats, out_c: Floats
 ) -> None:
-    """Convolve factors (n) with the gait noise of variance `gait_variance` (n,) per axis.
+    """Convolve n factors J (n, 6, 6), h (n, 6), c (n,) with gait noise of variance `gait_variance` (n,) per axis.
 
-    With e ~ N(0, S) added to the position, the factor's mean over e is, with A the columns of J for x and y and M =
-    (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M h_xy - log|I + S J_xy|) / 2.
+    The results are written to `out_J`, `out_h` and `out_c`. With e ~ N(0, S) added to the position, the factor's mean
+    over e is, with A the columns of J for x and y and M = (S^-1 + J_xy)^-1: J - A M A', h - A M h_xy and c + (h_xy' M
+    h_xy - log|I + S J_xy|) / 2.
     """
     for k in range(c.shape[0]):
         a, b, d = 1.0 / gait_variance[k] + J[k, 0, 0], J[k, 0, 1], 1.0 / gait_variance[k] + J[k, 1, 1]
@@ -249,10 +253,10 @@ def gait_variances(
     """Gait variances (n,) per axis of nodes about their smooth tracks, and the new scale s^2 (`EM_STEPS` of EM).
 
     Args:
-        J: (n, 6, 6) information of each position.
+        J: (n, 6, 6) information of each node.
         h: (n, 6) its vector.
-        mean: (n, 6) the walk at the same time steps, without the position.
-        covariance: (n, 6, 6) of the same.
+        mean: (n, 6) the walk at the same time steps, without the node.
+        covariance: (n, 6, 6) of `mean`.
         scale: s^2 before.
         metre: in the scene's unit.
     """

@@ -108,10 +108,11 @@ class ChainTracks(NamedTuple):
 
 
 def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> WalkModel:
-    """Motion model of people by the settings.
+    """Return the motion model of people by the settings.
 
     While links are searched (`free`), people move with constant velocity or manoeuvre. Later, slight turns that are not
-    detected individually are included: the acceleration is averaged over both models.
+    detected individually are included: the acceleration is averaged over both models. `reach` is the largest number of
+    time steps from one node of a track to the next.
     """
     often = span.turning * config.manoeuvre_duration_s / (1.0 + span.turning * config.manoeuvre_duration_s)
     mean = (1.0 - often) * config.process_noise_density + often * config.manoeuvre_noise_density
@@ -211,7 +212,11 @@ def tracks_from(
 
 
 def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
-    """Identities (n, 2 C) of nodes, the filter's renumbered from 0, and the time range (I, 2) of each filter track."""
+    """Renumber the filter's identities of nodes from 0, and return with them the time range (I, 2) [s] of each.
+
+    `hint` (n, 2 C) are identities by trackers in the images, then by the filter (a renumbered copy is returned); `time`
+    (n,) are the nodes' times [s].
+    """
     C = hint.shape[1] // 2
     hint = hint.copy()
     own = hint[:, C:]
@@ -225,14 +230,17 @@ def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
 
 
 def _leaving(known: BirthIntensityMap, positions: Floats, span: WindowSpan) -> Floats:
-    """(n,) termination rates [1/s] at positions (n, 2), from the map of departures at cell resolution."""
+    """(n,) termination rates [1/s] at `positions` (n, 2), from the map of departures at cell resolution."""
     side = CELL_SIZE_M * known.metre
     cells, cell = np.unique(np.floor(positions / side), axis=0, return_inverse=True)
     return track_termination_rate_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
 def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> MarkovChainState:
-    """Initial state of the Markov chain: successive nodes of one track are linked."""
+    """Return the initial state of the Markov chain: successive nodes of one track are linked.
+
+    `track` (n,) is the number of each node's track, `NO_NODE` for none; `free`: only links that the chain could make.
+    """
     n = len(track)
     after, before = np.full(n, NO_NODE), np.full(n, NO_NODE)
     order = np.lexsort((np.arange(n), track))
@@ -257,7 +265,10 @@ def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> Ma
 
 
 def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator, hottest: float) -> None:
-    """Simulated annealing: run the Markov chain with decreasing temperature, in place."""
+    """Run the Markov chain of `tracks` with decreasing temperature (simulated annealing), in place.
+
+    `hottest` is the first temperature.
+    """
     n = len(tracks.nodes.step)
     if n == 0:
         return
@@ -272,12 +283,12 @@ def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator
 
 
 def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
-    """List the candidate successors and swaps of each node."""
+    """Return the candidate successors of each node, and the nodes of its time step that it may be swapped with."""
     return candidates(tracks.nodes, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 
 def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
-    """Join ends of tracks with starts of later ones by optimal assignment, where a link is likelier; in place.
+    """Link ends of tracks with starts of later ones by optimal assignment, in place, where that is likelier.
 
     A link without detections in between is compared with a termination and an initiation.
     """

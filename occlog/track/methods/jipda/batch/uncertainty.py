@@ -85,9 +85,10 @@ def _exchanges(
     chain: MarkovChainState,
     number: Ints,
 ) -> tuple[Ints, Ints, Floats]:
-    """Nodes i, nodes j and probabilities of the exchanges of tails that link i to j.
+    """Return nodes i, nodes j and probabilities (each (k,)) of the exchanges of tails that link i to j.
 
-    Exchanges below the probability `MIN_SWITCH_PROBABILITY` are omitted.
+    Exchanges below the probability `MIN_SWITCH_PROBABILITY` are omitted. `frame_counts` (T + 1, C) is the number of
+    frames of each camera before each time step, `number` (n,) the track of each node.
     """
     before, after, probability = [0], [0], [0.0]
     for i in range(nodes.step.shape[0]):
@@ -164,13 +165,20 @@ def widening(
 
 
 def _max_frames(span: WindowSpan) -> int:
-    """Number of frames of a camera in `ERROR_CORRELATION_S`."""
+    """Number of a camera's frames in `ERROR_CORRELATION_S`, at the mean rate of the camera with most frames."""
     n_frames = float(span.frame_counts[-1].max())
     return round(ERROR_CORRELATION_S * max(n_frames - 1.0, 0.0) / max(float(span.gaps.sum()), ERROR_CORRELATION_S))
 
 
 def long_run_variance(key: Ints, frame: Ints, error: Floats, most: int) -> float:
-    """Long-run variance (sum of autocovariances) of errors of series `key` (n,) at frames (n,), to a maximum lag."""
+    """Long-run variance (sum of autocovariances) of errors, over all series.
+
+    Args:
+        key: (n,) number of each error's series.
+        frame: (n,) its frame.
+        error: (n,) errors.
+        most: maximum lag in frames.
+    """
     # Rows of one series lie side by side, with a gap to those of the next one
     at = key * (int(frame.max()) + most + 1) + frame
     order = np.argsort(at)
@@ -193,6 +201,8 @@ def _errors(
     span: WindowSpan,
 ) -> tuple[Ints, Ints, Floats, Floats]:
     """Residuals of box centres after a fit of each time step, normalised by the noise of one frame.
+
+    `found` are the people of each time step with their boxes; the other arguments are those of `widening`.
 
     Returns:
         key: (n,) series, of a person in a camera.
@@ -235,7 +245,7 @@ def _errors(
 
 
 def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
-    """(K,) existence probability of the person of each row at its time step; 1 between first and last node.
+    """(K,) existence probability of the person of each row of `walk` at its time step; 1 between first and last node.
 
     After the last node the person left at once, or was missed in some frames and then left, or is still present at the
     end of the recording; each is weighted by the probability of leaving then and of all misses before.
@@ -250,7 +260,10 @@ def existence_at(tracks: ChainTracks, span: WindowSpan, walk: States) -> Floats:
 
 
 def _still(tracks: ChainTracks, span: WindowSpan, node: int, step: int) -> Floats:
-    """Existence probabilities 0, 1, .. time steps after the last node (step 1), or before the first node (step -1)."""
+    """Existence probabilities 0, 1, 2 ... time steps after a track's last node, or before its first one.
+
+    `step` is 1 for the time after the last `node`, -1 for that before the first; they reach to the end of the span.
+    """
     here = tracks.nodes.step[node]
     at = np.arange(here, len(span.time)) if step > 0 else np.arange(here, -1, -1)
     delivered = (

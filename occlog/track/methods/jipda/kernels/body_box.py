@@ -96,7 +96,7 @@ def pack_views(
 
 
 def cover_positions(views: PackedCameras, c: int, positions: Floats, metre: float) -> PackedCameras:
-    """Extend the coverage of position sensor c to the positions (n, 2) and a margin.
+    """Return the cameras with the coverage of position sensor `c` extended to `positions` (n, 2) and a margin.
 
     `metre`: length units per metre.
     """
@@ -143,7 +143,10 @@ def _lens(camera: Camera) -> Floats:
 
 
 def _limit(camera: Camera) -> float:
-    """Radius in the ideal (undistorted) normalised image up to which the lens model is valid."""
+    """Radius in the undistorted normalised image up to which the camera's lens model is valid.
+
+    It is infinite without distortion or image size.
+    """
     if camera.image_size is None or camera.straight:
         return math.inf
     w, h = camera.image_size

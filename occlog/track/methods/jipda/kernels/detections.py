@@ -38,7 +38,7 @@ class PackedDetections(NamedTuple):
 
 
 class DetectorModel(NamedTuple):
-    """Parameters of the detectors of C cameras."""
+    """Parameters of the detectors of C cameras: detection, errors of edges, merges and misses."""
 
     detection: Floats  # (C,) probability of detection of a person in plain view
     curve: Floats  # (K,) factor of it at the visible shares 0, 1 / (K - 1), .., 1
@@ -55,7 +55,7 @@ class DetectorModel(NamedTuple):
 
 @kernel
 def interpolate(curve: Floats, share: float) -> float:
-    """Linear interpolation of a curve with equally spaced values at a share between 0 and 1."""
+    """Linear interpolation, at `share` from 0 to 1, of a curve (K,) with values at equal steps from 0 to 1."""
     at = min(max(share, 0.0), 1.0) * (curve.shape[0] - 1)
     k = min(int(at), curve.shape[0] - 2)
     value: float = curve[k] + (at - k) * (curve[k + 1] - curve[k])
@@ -95,7 +95,10 @@ def edge_noise(box: Floats, rates: DetectorModel, lasting: float, noise: Floats)
 
 @kernel
 def position_noise(boxes: PackedDetections, j: int, factor: float, noise: Floats) -> bool:
-    """Write the covariance (4, 4) of ground position j times a factor; False, without a change, if j is a box."""
+    """Write the covariance (4, 4) of ground position `j` times `factor` to `noise`.
+
+    False, without a change, if j is a box. Rows 2 and 3 are not observed: `UNOBSERVED_VARIANCE`.
+    """
     if boxes.covariance.shape[0] == 0 or math.isnan(boxes.covariance[j, 0]):
         return False
     noise[:] = 0.0
@@ -145,7 +148,7 @@ def log_density(off: Floats, inverse: Floats, use: Bools, noise: Floats, spread:
 
 @kernel
 def log_clutter(box: Floats, use: Bools, width: float, height: float) -> float:
-    """Log density of the edges in use of a clutter box.
+    """Log density [1/px per edge] of the edges in `use` (4,) of a clutter box (4,).
 
     The position is uniform in a width x height image [px], the size uniform on a logarithmic scale.
     """

@@ -161,7 +161,8 @@ def detection_probabilities(
 ) -> None:
     """Write visible shares (N,), detection probabilities (N,), and the probability that the feet are occluded.
 
-    The detection probability is that of an unoccluded person times the detector's curve of the visible share.
+    The last is written to `predicted.covered`. A detection probability is that of an unoccluded person in camera `c`
+    times the detector's curve of the visible share; it is 0, and the share NaN, out of view.
     """
     cells = np.empty((ROWS, COLUMNS))
     p = predicted
@@ -176,7 +177,10 @@ def detection_probabilities(
 
 @kernel_part
 def unmerged_detection_probability(pair: Ints, merge: float, existence: Floats, detection: Floats) -> None:
-    """Multiply detection probabilities (N,) by the probability of not being merged with a neighbour, in place."""
+    """Multiply detection probabilities (N,) by the probability of not being merged with a neighbour, in place.
+
+    `pair` (K, 2) are people who touch, `merge` the probability that two such are one box, `existence` (N,).
+    """
     for k in range(pair.shape[0]):
         a, b = pair[k]
         detection[a] *= 1.0 - merge * existence[b]
@@ -257,7 +261,10 @@ def associate_frame(
 
 @kernel_part
 def map_hypothesis(beta: Floats, pair: Ints, joint: Floats) -> MapHypothesis:
-    """Most probable hypothesis of each person: a box alone, a box merged with a neighbour, or no box."""
+    """Most probable hypothesis of each person: a box alone, a box merged with a neighbour, or no box (box -1).
+
+    `beta` (N, m) and `joint` (K, 2, m) are association probabilities as in `BoxAssociation`, `pair` (K, 2) the pairs.
+    """
     N, M = beta.shape
     best, box = np.zeros(N), np.full(N, -1)
     of_pair, side = np.full(N, -1), np.zeros(N, dtype=np.int64)
@@ -440,7 +447,16 @@ def count_edges(
     best: MapHypothesis,
     counts: StepStatistics,
 ) -> None:
-    """Add the outlier edges of a frame's boxes to the expected counts; boxes of two people are omitted."""
+    """Add the outlier edges of a frame's boxes to the expected `counts`, in place; boxes of two people are omitted.
+
+    Args:
+        boxes: of the time step.
+        start: index of the frame's first box.
+        predicted: people in the frame.
+        likelihoods: of the frame's boxes.
+        best: most probable hypothesis of each person.
+        counts: changed.
+    """
     for i in range(predicted.mean.shape[0]):
         if best.probability[i] <= MIN_ASSOCIATION or best.pair[i] >= 0:
             continue
@@ -458,7 +474,10 @@ def count_edges(
 
 @kernel_part
 def count_merges(existence: Floats, found: BoxAssociation, pair: Ints, merges: Floats) -> None:
-    """Add the expected numbers of merged pairs and of detected pairs (K, 2) to the counts (2,)."""
+    """Add the expected numbers of merged and of detected pairs to `merges` (2,), in place.
+
+    `pair` (K, 2) are people who touch, `existence` (N,) probabilities of all, `found` the frame's association.
+    """
     for k in range(pair.shape[0]):
         a, b = pair[k]
         certain = existence[a] * existence[b]

@@ -54,7 +54,7 @@ def invert(matrix: Floats, out: Floats) -> float:
 
 @kernel
 def cholesky(matrix: Floats, out: Floats) -> None:
-    """Write the lower triangular (n, n) L with L L' = matrix, which is symmetric positive definite."""
+    """Write the lower triangular L (n, n) with L L' = matrix, which is symmetric positive definite, to `out`."""
     n = matrix.shape[0]
     for a in range(n):
         for b in range(n):

@@ -59,9 +59,10 @@ class BirthIntensity(NamedTuple):
 
 @kernel
 def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: float, position: Floats) -> bool:
-    """Write the intersection (2,) of the line of sight of pixel (u, v) with the plane at height z.
+    """Write the intersection (2,) of the line of sight of pixel (u, v) of camera c with the plane at height z.
 
-    False if it is behind camera c or parallel. Lens distortion is ignored: the position starts an iteration.
+    Return False, without writing, if it is behind the camera or parallel. Lens distortion is ignored: the position
+    starts an iteration.
     """
     x = (u - views.principal[c, 0]) / views.focal[c, 0]
     y = (v - views.principal[c, 1]) / views.focal[c, 1]
@@ -79,7 +80,7 @@ def ground_plane_point(views: PackedCameras, c: int, u: float, v: float, z: floa
 
 @kernel
 def arrivals_at(arrival: BirthIntensity, mean: Floats) -> float:
-    """Birth intensity (expected new people per unit of area) at the position of a state (6,)."""
+    """Birth intensity (expected new people per unit of area) at the position of the state `mean` (6,)."""
     expected_new = arrival.everywhere
     for g in range(arrival.centre.shape[0]):
         dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
@@ -101,10 +102,11 @@ def state_from_box(
     mean: Floats,
     covariance: Floats,
 ) -> float:
-    """Write state (6,) and covariance (6, 6) of a new person that made box j; return the log marginal density.
+    """Write state (6,) and covariance (6, 6) of a new person that made box `j`; return the log marginal density.
 
     The density is that of the box times the birth intensity, integrated over the state; NaN if no person can have made
-    the box.
+    the box. `c` is the box's camera; `body` (5,) are height and its deviation, width and its deviation, and the
+    deviation of a velocity.
     """
     box, usable = boxes.box[j], boxes.usable[j]
     if views.lens[c, MODEL] == GROUND_PLANE:
@@ -170,7 +172,10 @@ def state_from_box(
 def predicted_targets(
     views: PackedCameras, boxes: PackedDetections, people: Floats, spread: Floats, existence: Floats
 ) -> TrackedPeople:
-    """Predict N people (N, 6), with position standard deviations (N,) `spread`, in each frame."""
+    """Project N tracked people into each frame of a time step.
+
+    `people` are (N, 6) states, `spread` (N,) standard deviations of their positions, `existence` (N,) probabilities.
+    """
     L, N = boxes.camera.shape[0], people.shape[0]
     box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
     deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))

@@ -36,9 +36,10 @@ def normal_cdf(z: float) -> float:
 
 @kernel
 def in_view(views: PackedCameras, c: int, x: float, y: float, box: Floats, cells: Floats) -> bool:
-    """Whether a person at (x, y) is in range of camera c, with a cell of the box (4,) in its image; cells are written.
+    """Return whether a person at (x, y) is in range of camera `c`, with a cell of the box (4,) in its image.
 
-    A position sensor covers a rectangle of the ground, and detects everyone in it.
+    Write the `cells` (ROWS, COLUMNS): 1 in the image, else 0. A position sensor covers a rectangle of the ground, and
+    detects everyone in it.
     """
     if views.lens[c, MODEL] == GROUND_PLANE:
         cells[:] = 1.0
@@ -62,18 +63,18 @@ def visibility(
     existence: Floats,
     cells: Floats,
 ) -> float:
-    """Expected visible share of person i in camera c, given the border, static occluders and other people.
+    """Expected visible share, 0 to 1, of person i in camera c, given the border, static occluders and other people.
 
     Args:
         views: cameras and static occluders.
         c: which camera.
         state: (6,) of the person.
         i: their index among all people.
-        box: (N, 4) expected boxes [px], and so on as in `cells_unoccluded_by`.
-        depth: (N,)
-        spread_px: (N,)
-        spread_depth: (N,)
-        existence: (N,)
+        box: (N, 4) expected boxes [px].
+        depth: (N,) along the optical axis; negative: not in front of the camera.
+        spread_px: (N,) standard deviation of the box's middle, across the image [px].
+        spread_depth: (N,) standard deviation of the depth, > 0.
+        existence: (N,) probabilities that the others are there.
         cells: (ROWS, COLUMNS) written: probability that a cell is seen.
     """
     if views.lens[c, MODEL] == GROUND_PLANE:
@@ -87,7 +88,7 @@ def visibility(
 
 @kernel
 def visible_feet(cells: Floats) -> float:
-    """Visible share of the lowest row of cells (feet)."""
+    """Visible share of the feet: the mean over the lowest row of `cells` (ROWS, COLUMNS)."""
     bottom = 0.0
     for column in range(COLUMNS):
         bottom += cells[ROWS - 1, column]
@@ -147,7 +148,10 @@ def cells_unoccluded_by(
 
 @kernel
 def inside_image(box: Floats, width: float, height: float, cells: Floats) -> float:
-    """Set the cells (ROWS, COLUMNS) of a box to 1 inside the image and 0 outside; return the share inside."""
+    """Set the `cells` (ROWS, COLUMNS) of a box (4,) to 1 inside a width x height image [px] and to 0 outside.
+
+    Return the share inside.
+    """
     count = 0
     for row in range(ROWS):
         v = box[1] + (box[3] - box[1]) * (row + 0.5) / ROWS

@@ -19,12 +19,19 @@ SPELL_S, SPELL_SIGMA = 5.0, 0.03
 
 
 def bias_information(share: Floats, dt: float) -> float:
-    """Information (inverse variance) about the body bias gained in dt seconds; `share` (n,) of `body_bias_shift`."""
+    """Information (inverse variance) about the body bias gained in `dt` seconds.
+
+    `share` (n,) of `body_bias_shift` is how one-sidedly cameras see each person, 1 if from one side.
+    """
     return float((1.0 - share**2).sum()) * dt / SPELL_S / SPELL_SIGMA**2
 
 
 def with_body_bias(covariance: Floats, shift: Floats, information: float) -> Floats:
-    """Add the variance of the body bias to covariances (n, 6, 6); the bias shifts positions by `shift` (n, 2)."""
+    """Return covariances (n, 6, 6) with the variance of the body bias added to the positions.
+
+    The argument is not changed. The bias shifts positions by `shift` (n, 2), per unit of it; `information` is its
+    inverse variance without the prior.
+    """
     out = covariance.copy()
     out[:, :2, :2] += shift[:, :, None] * shift[:, None, :] / (1.0 / PRIOR_SIGMA**2 + information)
     return np.asarray(out)

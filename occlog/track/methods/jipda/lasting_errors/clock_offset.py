@@ -39,7 +39,10 @@ def prior_clocks(cameras: int) -> ClockStatistics:
 
 
 def update_clocks(known: ClockStatistics, t_ns: int, normal: Floats, sums: Floats) -> ClockStatistics:
-    """Add the normal equations of a time step (`clock_residuals`); update the offsets when a batch is complete."""
+    """Return the statistics with a time step added; offsets are updated when a batch is complete.
+
+    `normal` (C, C + 1) and `sums` (C, 5) are from `clock_residuals`, for the time step at `t_ns`.
+    """
     batches = known.batches.add(t_ns, normal)
     known = replace(known, sums=known.sums + sums, batches=batches)
     if batches.since_ns != t_ns or not len(batches.kept):

@@ -47,7 +47,10 @@ class CommonErrorStatistics:
 
 
 def prior_common_error(metre: float) -> CommonErrorStatistics:
-    """Prior of the common position error on a grid of standard deviations and correlation times."""
+    """Prior of the common position error on a grid of standard deviations and correlation times.
+
+    `metre` is one metre in the scene's unit.
+    """
     sigma = np.repeat(SIGMAS_M, len(CORRELATION_TIMES_S))
     G = len(sigma)
     none = np.zeros(0, dtype=np.int64)

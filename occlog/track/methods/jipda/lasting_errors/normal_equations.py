@@ -26,7 +26,7 @@ FALSE_PROBABILITY = 1e-6
 
 @dataclass(frozen=True)
 class Batches:
-    """Sums of normal equations in batches of time."""
+    """Sums of normal equations N p = b of K parameters, rows (N, b), in batches of time."""
 
     kept: Floats  # (B, K, K + 1) complete batches, in the order of time
     open: Floats  # (K, K + 1) of the batch that is not complete
@@ -34,12 +34,15 @@ class Batches:
 
     @classmethod
     def of(cls, parameters: int) -> Batches:
-        """Empty sums for K parameters."""
+        """Return sums without data for K = `parameters` parameters."""
         none = np.zeros((parameters, parameters + 1))
         return cls(none[None][:0], none)
 
     def add(self, t_ns: int, normal: Floats) -> Batches:
-        """Add the normal equations (K, K + 1) of a time step."""
+        """Return the sums with the normal equations (K, K + 1) of a time step at `t_ns` added.
+
+        A batch that has lasted `BATCH_S` is complete: the next one begins at `t_ns`.
+        """
         since = t_ns if self.since_ns < 0 else self.since_ns
         total = self.open + normal
         if t_ns - since < BATCH_S * NS:

@@ -41,7 +41,10 @@ def prior_poses(views: PackedCameras) -> PoseStatistics:
 
 
 def update_poses(known: PoseStatistics, t_ns: int, normal: Floats) -> PoseStatistics:
-    """Add the normal equations of a time step (`pose_residuals`); update the angles when a batch is complete."""
+    """Return the statistics with a time step added; angles are updated when a batch is complete.
+
+    `normal` (2 C, 2 C + 1) are the normal equations from `pose_residuals`, for the time step at `t_ns`.
+    """
     normal = normal.copy()
     # As without correction
     normal[:, -1] += normal[:, :-1] @ known.angles.ravel()
@@ -70,7 +73,7 @@ def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
 
 
 def corrected(views: PackedCameras, known: PoseStatistics) -> PackedCameras:
-    """Packed cameras with corrected orientations."""
+    """Return the packed cameras with orientations corrected by the angles in `known`."""
     rotation, lens = known.rotation.copy(), views.lens.copy()
     for c in np.flatnonzero(known.angles.any(axis=1)).tolist():
         yaw, pitch = known.angles[c]

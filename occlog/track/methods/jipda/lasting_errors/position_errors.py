@@ -90,7 +90,7 @@ class PositionErrors:
 
 @dataclass(frozen=True)
 class PositionNoise:
-    """Noise model of a position sensor."""
+    """Noise model of a position sensor: white noise, and an error b that is correlated in time."""
 
     white: float  # share of the total variance that is white
     total: float  # total variance as a multiple of the stated one, or of the setting's
@@ -99,7 +99,10 @@ class PositionNoise:
 
 
 def prior_position_errors(views: Sequence[object], metre: float, config: JipdaConfig) -> PositionErrors:
-    """Priors of all position sensors among the views."""
+    """Return the error models before any position, for the sources of positions among the views.
+
+    `metre` is one metre in the scene's unit.
+    """
     sources = [each for each in views if isinstance(each, PositionSource)]
     return PositionErrors(
         first=len(views) - len(sources),
@@ -179,7 +182,7 @@ def learned_sigma_ratio(errors: PositionErrors, c: int) -> float:
 
 
 def learned_sigma(errors: PositionErrors, c: int) -> float:
-    """Standard deviation per axis of a sensor's positions, stated or learned [scene's unit]."""
+    """Standard deviation per axis, stated or learned, of the positions of position sensor `c` [scene's unit]."""
     bank, noise = errors.banks[c - errors.first], position_noise_of(errors, c)
     base = float(bank.stated[0] / bank.stated[1]) if is_stated(bank) else errors.sigma**2
     return math.sqrt(noise.total * base)
@@ -207,7 +210,10 @@ def position_covariances(errors: PositionErrors, c: int, stated: Floats) -> Floa
 
 
 def manoeuvre_variance(errors: PositionErrors, c: int, metre: float) -> float:
-    """Variance per axis of the prediction error that a manoeuvre causes between two frames of view c."""
+    """Variance per axis of the prediction error that a manoeuvre causes between two frames of view `c`; 0 for a camera.
+
+    `metre` is one metre in the scene's unit.
+    """
     if c < errors.first:
         return 0.0
     period = errors.banks[c - errors.first].period_s
@@ -279,7 +285,16 @@ def _select(bank: ErrorBank, rows: Ints) -> ErrorBank:
 
 
 def _begin(bank: ErrorBank, key: Ints, t_ns: int, position: Floats, base: Floats, gait: float) -> ErrorBank:
-    """Add n new targets to the bank, with first positions (n, 2) and units `base` (n,) of the total variance."""
+    """Return the bank with n new targets added.
+
+    Args:
+        bank: before.
+        key: (n,) targets.
+        t_ns: time of their first positions.
+        position: (n, 2) first positions.
+        base: (n,) unit of the total variance.
+        gait: variance of the gait displacement.
+    """
     n, G = len(key), len(bank.total)
     mean, P = np.zeros((n, G, DIMENSIONS, 2)), np.zeros((n, G, DIMENSIONS, DIMENSIONS))
     mean[:, :, 0] = position[:, None]
@@ -314,7 +329,10 @@ def _advance(
     gait: float,
     evidence: Floats,
 ) -> None:
-    """Predict and update some targets of the bank in place, and add the log likelihoods of their innovations."""
+    """Predict and update n targets of the bank in place, and add log likelihoods of their innovations to `evidence`.
+
+    Innovations of targets with one position before do not count; arguments are those of `_advance_bank`.
+    """
     counted: Bools = np.asarray(bank.steps[rows] > 1)
     _advance_bank(
         mean, covariance, rows, dt, position, base, bank.total, bank.share, bank.tau, bank.q, gait, counted, evidence

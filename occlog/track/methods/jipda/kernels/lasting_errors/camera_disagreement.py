@@ -21,7 +21,10 @@ from ..linear import invert
 
 
 class BoxDisagreement(NamedTuple):
-    """Residuals of M boxes of N people: centre and width, centre and height, as in `DetectorModel.noise`."""
+    """Residuals of M boxes of N people, after a fit of positions and bodies to one time step.
+
+    Columns are centre and width across, centre and height down, as in `DetectorModel.noise`.
+    """
 
     residual: Floats  # (M, 4) of the boxes that were used [px]; 0: not used
     kept: Floats  # (M, 4) share of the noise's variance that a residual keeps; 0: not used
