@@ -54,7 +54,7 @@ DUPLICATE_EXISTENCE_RATIO = 0.5
 
 @dataclass(frozen=True)
 class TargetSet:
-    """N tracks, tentative or confirmed."""
+    """N tracks of people, tentative or confirmed, with states, existence, identities and their past."""
 
     mean: Floats  # (N, 6) as `TrackSnapshot.mean`, of all models together
     covariance: Floats  # (N, 6, 6)
@@ -97,10 +97,10 @@ def tentative_targets(
         covariance: (K, 6, 6).
         existence: (K,) probabilities.
         boxes: (K,) numbers of their boxes.
-        first_key: number of the first initiation.
+        first_key: number of the first initiation; the others follow.
         t_ns: time of the time step.
-        strong: (K,) initiated by boxes that independent clutter hardly explains; None: none of them.
         common: variance of the common error of position, per axis; the walk is at the observed position less the error.
+        strong: (K,) initiated by boxes that independent clutter hardly explains; None: none of them.
     """
     K = len(mean)
     full = np.zeros((K, FULL_SIZE, FULL_SIZE))
@@ -134,7 +134,7 @@ def tentative_targets(
 
 
 def no_targets() -> TargetSet:
-    """Create an empty target set."""
+    """Return a target set without tracks."""
     return tentative_targets(
         np.zeros((0, STATE_SIZE)),
         np.zeros((0, STATE_SIZE, STATE_SIZE)),
@@ -148,12 +148,12 @@ def no_targets() -> TargetSet:
 
 
 def select(people: TargetSet, rows: Ints) -> TargetSet:
-    """Select people by a mask or indices."""
+    """Return the tracks selected by a mask (N,) or by indices."""
     return TargetSet(**{name: value[rows] for name, value in vars(people).items()})
 
 
 def concat(people: TargetSet, more: TargetSet) -> TargetSet:
-    """Concatenate two target sets."""
+    """Return the tracks of both sets, those of `people` first."""
     return TargetSet(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
 
 
@@ -168,7 +168,7 @@ def predict(
     common: tuple[float, float],
     config: JipdaConfig,
 ) -> TargetSet:
-    """Predict the tracks dt seconds later.
+    """Return the tracks predicted `dt` seconds later.
 
     Args:
         people: at the last time step.
@@ -263,9 +263,10 @@ def update(
 
 
 def without_gait_variance(information: Floats, vector: Floats, gait_variance: float | Floats) -> tuple[Floats, Floats]:
-    """Convolve factors (N, 6, 6), (N, 6) of states with Gaussian position noise of variance `gait_variance`.
+    """Convolve N factors of states with Gaussian position noise of variance `gait_variance`, one or (N,), per axis.
 
-    A factor convolved with W on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
+    `information` (N, 6, 6) and `vector` (N, 6) are those of the factors; both are returned. A factor convolved with W
+    on the position, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
     """
     across = information[:, :, :2]
     W = np.reshape(np.asarray(gait_variance), (-1, 1, 1))
@@ -275,7 +276,7 @@ def without_gait_variance(information: Floats, vector: Floats, gait_variance: fl
 
 
 def with_gait_variance(people: TargetSet, gait_variance: float) -> Floats:
-    """(N, 6, 6) covariances of the observed body states: gait variance is added to x and y."""
+    """(N, 6, 6) covariances of the observed body states, with `gait_variance` added to the variances of x and y."""
     out = people.body_covariance.copy()
     out[:, [X, Y], [X, Y]] += gait_variance
     return out
@@ -298,10 +299,10 @@ def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
 
 
 def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig) -> Floats:
-    """(3, 3) transition probabilities of the motion models over dt; row: model after, column: model before.
+    """(3, 3) transition probabilities of the motion models over `dt` [s]; row: model after, column: model before.
 
     Two nested Markov chains in continuous time: a person is bending or not; while not, manoeuvring or not. After
-    bending a person has constant velocity.
+    bending a person has constant velocity. `turning` and `bending` are the rates at which either begins [1/s].
     """
     turn, bend = (
         _two_states(dt, turning, 1.0 / config.manoeuvre_duration_s),
@@ -318,9 +319,9 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
 
 
 def _two_states(dt: float, begin: float, end: float) -> Floats:
-    """(2, 2) transition probabilities of a two-state Markov chain over dt, from its rates [1/s].
+    """(2, 2) transition probabilities of a two-state Markov chain over `dt` [s], from the rates of its changes [1/s].
 
-    Row: state after; column: state before.
+    `begin` is the rate from the first state to the second, `end` that back. Row: state after; column: state before.
     """
     total = begin + end
     gone = (1.0 - np.exp(-total * dt)) / total
@@ -328,7 +329,7 @@ def _two_states(dt: float, begin: float, end: float) -> Floats:
 
 
 def _mixture_moments(people: TargetSet) -> TargetSet:
-    """Mean and covariance of the mixture of motion models of each person (moment matching)."""
+    """Return the tracks with the mean and covariance of each mixture of motion models (moment matching)."""
     mean = np.einsum("na,nai->ni", people.model, people.means)
     difference = people.means - mean[:, None]
     covariance = np.einsum("na,naij->nij", people.model, people.covariances)
@@ -344,7 +345,7 @@ def _mixture_moments(people: TargetSet) -> TargetSet:
 
 
 def duplicate_tracks(people: TargetSet, t_ns: int) -> tuple[TargetSet, Bools]:
-    """Find duplicate tracks: a younger track at the position of an older one.
+    """Find duplicate tracks at `t_ns`: a younger track at the position of an older one.
 
     Estimates of two people who pass each other may meet for a time step; two tracks of one person stay together.
 
@@ -446,7 +447,7 @@ def update_map(
 
 
 def track_termination_rate_at(known: BirthIntensityMap, positions: Floats, overall: float) -> Floats:
-    """(n,) track termination rates [1/s] at positions (n, 2); `overall` is the rate of the whole area."""
+    """(n,) track termination rates [1/s] at `positions` (n, 2); `overall` is the rate of the whole area [1/s]."""
     near = _near(known, positions)
     return np.asarray((near @ known.left + PRIOR_TERMINATIONS) / (near @ known.spent + PRIOR_TERMINATIONS / overall))
 
@@ -465,7 +466,10 @@ def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> t
 
 
 def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float) -> tuple[Floats, Floats]:
-    """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at positions (n, 2)."""
+    """Mean (n, 2) and covariance (n, 2, 2) of the velocities of people who arrive at `positions` (n, 2).
+
+    `deviation` is the prior standard deviation of a velocity per axis; the prior mean is 0.
+    """
     near = _near(known, positions)
     count = (near @ known.came + PRIOR_VELOCITY)[:, None]
     mean = near @ known.velocity / count
@@ -474,13 +478,16 @@ def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float
 
 
 def _near(known: BirthIntensityMap, positions: Floats) -> Floats:
-    """(n, G) Gaussian smoothing weights of the cells at positions."""
+    """(n, G) Gaussian smoothing weights, 1 at a cell's centre, of the map's cells at `positions` (n, 2)."""
     difference = positions[:, None] - known.centre[None]
     return np.asarray(np.exp(-0.5 * np.sum(difference**2, axis=2) / (SMOOTHING_SIGMA_M * known.metre) ** 2))
 
 
 def _added(sums: Floats, new: int, rows: Ints, values: Floats) -> Floats:
-    """Append `new` cells to the sums, and add values to the cells `rows`."""
+    """Return the sums of cells with `new` cells appended, and `values` added to the cells `rows`.
+
+    Rows may be repeated.
+    """
     out = np.concatenate([sums, np.zeros((new, *sums.shape[1:]))])
     np.add.at(out, rows, values)
     return out
