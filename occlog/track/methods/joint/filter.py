@@ -89,14 +89,14 @@ class JointState(NamedTuple):
 
 
 class ObjectReports(NamedTuple):
-    """Measurements of one object in a scan, of all sensors."""
+    """Measurements of one object in a scan by all sensors, as readings and as linearised rows."""
 
     packed: PackedScan
     rows: LinearisedRows
 
 
 def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # noqa: ARG001
-    """Create the state without objects; InputError for a scene without free floor."""
+    """Return the state without objects; InputError for a scene without free floor. `rng` is not used."""
     world = world_of(scene)
     none = np.empty((config.particles, 0, 4))
     return JointState(
@@ -114,7 +114,10 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # no
 
 
 def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
-    """Detection probabilities of the sensors, at most `MAX_PROBABILITY` (no detection contradicts every particle)."""
+    """Detection and false-alarm probabilities of the sensors, the scene's own before those of the settings.
+
+    They are at most `MAX_PROBABILITY` and at least 1 less that, so that no detection contradicts every particle.
+    """
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
     found = [config.detection_probability if detection is None else detection for detection, _ in own]
     false = [config.false_alarm_probability if false is None else false for _, false in own]
@@ -209,9 +212,9 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
 
 
 def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Floats, Floats, Floats]:
-    """Sample L initial states (L, 4) of an object given its first rows; log weights (L,), prior over proposal.
+    """Sample L initial states (L, 4) of an object from its first rows.
 
-    The third value is the (2, 2) position covariance of the proposal.
+    Return them with log weights (L,), prior over proposal, and the (2, 2) position covariance of the proposal.
     """
     position, kept = initial_position(state.anywhere, rows, state.world, state.config.gate)
     first = linear(state.anywhere, position, rows.take(kept), state.world).state if len(kept) else state.anywhere
@@ -222,7 +225,7 @@ def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Fl
 
 
 def _log_density(states: Floats, of: Gaussian) -> Floats:
-    """(L,) log densities of a normal distribution at states (L, 4), up to a constant."""
+    """(L,) log densities of the Gaussian `of` at states (L, 4), up to a constant."""
     off = states - of.mean
     square = np.einsum("li,ij,lj->l", off, np.linalg.inv(of.covariance), off)
     return np.asarray(-0.5 * (square + np.linalg.slogdet(of.covariance)[1]))
@@ -231,9 +234,10 @@ def _log_density(states: Floats, of: Gaussian) -> Floats:
 def _proposed(
     before: Floats, rows: LinearisedRows, dt: float, state: JointState, rng: Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """Sample states (L, 4) of an object from motion and its rows; log weights (L,), motion prior over proposal.
+    """Sample states (L, 4) of an object from motion and its rows.
 
-    The third value is the mean position covariance (2, 2) of the proposals.
+    Return them with log weights (L,), motion prior over proposal, and the mean position covariance (2, 2) of the
+    proposals.
 
     Args:
         before: (L, 4) states at the scan before.
@@ -274,8 +278,9 @@ def _proposed(
 
 
 def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
-    """(L, M) mask of objects (L, M, 2) that another object of the same particle occludes from a camera (2,).
+    """(L, M) booleans: another object of the particle occludes the object from a camera.
 
+    `xy` (L, M, 2) are the objects' positions in L particles, `camera` (2,) the camera's, `diameter` that of objects.
     The geometry is that of [Ercan] Fig. 3.
     """
     away = xy - camera
@@ -292,9 +297,9 @@ def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
 def in_plain_view(
     xy: Floats, reports: list[ObjectReports], world: MeasurementWorld, config: JointConfig
 ) -> list[Bools]:
-    """Mask (K, L) for each of M objects at (L, M, 2): unoccluded for the K sensors of its reports.
+    """For each of M objects, (K, L) booleans: it is unoccluded for each of the K sensors of its reports, by particle.
 
-    Sounds are never occluded.
+    `xy` (L, M, 2) are positions in L particles. Sounds are never occluded.
     """
     cameras = {int(i) for report in reports for i in report.packed.sensor if world.sensors.cos2[i] >= 0.0}
     hidden = {i: occlusion_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
@@ -311,7 +316,10 @@ def in_plain_view(
 
 
 def unperceivable_after(unperceivable: Floats, dt: float) -> Floats:
-    """Probability that an object is unperceivable (no sensor can detect it) after a time dt [s] without a report."""
+    """Return the probability of being unperceivable (no sensor can detect the object) after `dt` [s] without a report.
+
+    `unperceivable`, of any shape, are the probabilities before.
+    """
     a, b = 1.0 / MEAN_PERCEIVABLE_S, 1.0 / MEAN_UNPERCEIVABLE_S
     settled = a / (a + b)
     return settled + (unperceivable - settled) * math.exp(-(a + b) * dt)
@@ -369,15 +377,15 @@ def log_factors(
 
 
 def _depleted(log_weights: Floats) -> bool:
-    """Whether the effective sample size of (L,) log weights of one object alone is too small."""
+    """Return whether the effective sample size of log weights (L,) of one object alone is too small."""
     weights, _ = normalise_log_weights(log_weights)
     return effective_sample_size(weights) < MIN_EFFECTIVE_SAMPLE_SIZE
 
 
 def _moments(own: Floats, weights: Floats, drawn: Floats) -> Gaussian:
-    """Weighted mean and covariance of states (L, 4), inflated if the effective sample size is small.
+    """Weighted mean and covariance of states `own` (L, 4), inflated if the effective sample size is small.
 
-    In this case the position covariance (2, 2) of the proposal is added.
+    In this case the position covariance `drawn` (2, 2) of the proposal is added.
     """
     mean, covariance = mean_and_covariance(weights, own)
     size = effective_sample_size(weights)
@@ -413,7 +421,7 @@ def _trace(state: tuple[JointState, int]) -> PosteriorRecord:
 
 
 def _smoothed(traces: Sequence[PosteriorRecord], config: JointConfig) -> list[SmoothedState]:
-    """Smoothed states of one object from its filtered estimates, as Gaussians."""
+    """Return the smoothed state of one object at each of its filtered Gaussian estimates, in the order of time."""
     found = rts_smooth(traces, motion_of(config).transition)
     return [SmoothedState(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
 
