@@ -72,7 +72,10 @@ class KalmanState(NamedTuple, Generic[K]):
 
 
 def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:  # noqa: ARG001
-    """State before the first scan: around `config.start`, or as wide as the floor; InputError without free floor."""
+    """Return the state before the first scan: around `config.start`, or as wide as the floor.
+
+    InputError without free floor; `rng` is not used.
+    """
     world = world_of(scene)
     anywhere = anywhere_of(scene, world, config)
     known = anywhere
@@ -82,14 +85,17 @@ def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:  # noqa: AR
 
 
 def world_of(scene: Scene) -> MeasurementWorld:
-    """Return the sensors and the floor of a scene."""
+    """Return the sensors of a scene with their noise, and its floor."""
     return MeasurementWorld(
         pack_sensors(scene), pack_noise(scene), make_floor(scene.region, [o.polygon for o in scene.occluders])
     )
 
 
 def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Gaussian:
-    """Return mean and covariance of the prior position over the whole floor; InputError without free floor."""
+    """Return the Gaussian prior of a target over the whole floor, or where sensors can see.
+
+    InputError without free floor.
+    """
     try:
         moments = floor_moments(world.floor) if scene.views is None else prior_moments(scene.views)
     except ValueError as error:
@@ -98,12 +104,15 @@ def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Ga
 
 
 def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
-    """Return the motion model from the settings."""
+    """Return the motion model that the settings give."""
     return OrnsteinUhlenbeck(config.rms_speed, config.velocity_time_constant_s, config.process_noise_position)
 
 
 def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
-    """Return the Gaussian state with a position and its covariance, and unknown velocity."""
+    """Return the Gaussian state at position `xy` (2,) with `covariance` (2, 2) and unknown velocity.
+
+    The velocity has mean 0 and its usual variance.
+    """
     whole = np.zeros((4, 4))
     whole[:2, :2], whole[2:, 2:] = covariance, motion_of(config).velocity_variance * np.eye(2)
     return Gaussian(np.array([*xy, 0.0, 0.0]), whole)
@@ -115,9 +124,9 @@ Update = Callable[[Gaussian, LinearisedRows, Linearisation, MeasurementWorld, K]
 def stepper(
     update: Update[K], by_stations: StationUpdate | None
 ) -> Callable[[KalmanState[K], Scan, Generator], tuple[KalmanState[K], Estimate]]:
-    """Return the filter's step function with the given updates.
+    """Return the step function of a filter that updates by bearings with `update`, by stations with `by_stations`.
 
-    `by_stations` None: station measurements are not used.
+    None: measurements of stations are not used.
     """
 
     def step(state: KalmanState[K], scan: Scan, rng: Generator) -> tuple[KalmanState[K], Estimate]:  # noqa: ARG001
@@ -211,7 +220,7 @@ def stepper(
 
 
 class KalmanUpdate(NamedTuple):
-    """Posterior, contributing sensors, and whether the prior was discarded."""
+    """Result of a scan: posterior, contributing sensors, false bearings so far, and how it came about."""
 
     done: Updated
     used: Ints
@@ -228,13 +237,13 @@ def _most_outside_gate(rows: LinearisedRows, inside: Bools) -> bool:
 
 
 def _inflated(known: Gaussian, config: KalmanConfig) -> Gaussian:
-    """Return the prediction widened to the distance a target of unknown velocity covers in `INFLATION_TIME_S`."""
+    """Return the prediction widened by the way that a target covers in `INFLATION_TIME_S`, with unknown velocity."""
     away = (config.rms_speed * INFLATION_TIME_S) ** 2 * np.eye(2)
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
 
 def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
-    """Return whether the target is farther outside the region than the region's extent."""
+    """Return whether the target's mean is farther outside the region's bounding box than the extent of the box."""
     low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
     xy = known.mean[:2]
     return not bool(np.all((xy >= 2.0 * low - high) & (xy <= 2.0 * high - low)))
@@ -245,7 +254,8 @@ def initial_position(
 ) -> tuple[Floats, Ints]:
     """Return the (2,) most probable position given the rows of one scan, and the indices of the rows that it is from.
 
-    Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
+    Of each sensor the nearest row counts, up to the gate [standard deviations], so that candidates of others and false
+    bearings do not. `anywhere` is the prior.
     """
     order = np.sort(np.argsort(rows.variance, kind="stable")[:MAX_INITIAL_MEASUREMENTS])
     rows = rows.take(order)
@@ -262,7 +272,11 @@ def initial_position(
 def _gated_rows(
     position: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Ints, float]:
-    """Return the inlier rows of a position, one per sensor, and its cost; a disagreeing sensor costs the gate."""
+    """Return indices of the rows that agree with a position, one per sensor, and the cost of the position.
+
+    The cost is the negative log of prior times likelihood, in which a sensor without a row within `gate` standard
+    deviations costs the gate. `position` is (2,), `anywhere` the prior.
+    """
     expected, ahead = measured(position[None], rows, world)
     _, variance = linearised(position, rows, world)
     off = np.where(ahead[0], residuals(expected[0], rows) ** 2 / variance, np.inf)
@@ -275,7 +289,7 @@ def _gated_rows(
 
 
 def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """Return (K, 2) intersections of two sensors' lines of sight, ahead of both."""
+    """Return (K, 2) intersections of the lines of sight of two different sensors, ahead of both."""
     azimuth = azimuths(rows, world)
     e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
     i, j = np.nonzero(rows.sensor[:, None] < rows.sensor[None, :])
@@ -289,14 +303,21 @@ def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floa
 
 
 def _track_loss(before: int, packed: PackedScan, taken: KalmanUpdate, measured: int) -> int:
-    """Return the track-loss counter after a scan, counting station measurements and labelled reports."""
+    """Return the track-loss counter after a scan; labelled reports and station measurements count.
+
+    Args:
+        before: the counter before.
+        packed: the scan.
+        taken: what the update used.
+        measured: number of station measurements.
+    """
     reports = packed.sensor[packed.labelled & (np.diff(packed.first) > 0)]
     against = int(np.count_nonzero(~_among(reports, taken.used))) + taken.against
     return track_loss_count(before, against, len(reports) + measured)
 
 
 def _among(numbers: Ints, some: Ints) -> Bools:
-    """Return (n,) booleans: which numbers are among others (faster than `np.isin` for few)."""
+    """Return (n,) booleans: the number is in `some` (faster than `np.isin` for few)."""
     return np.asarray((numbers[:, None] == some).any(axis=1))
 
 

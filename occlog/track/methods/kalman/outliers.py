@@ -42,7 +42,7 @@ RowsUpdate = Callable[[Gaussian, LinearisedRows, Linearisation], Updated]
 
 
 def log_false_density(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """Return (R,) log densities of false readings and bearings: uniform over the sensor's field of view."""
+    """Return (R,) log densities of false rows: uniform over the image [1/px], or over the field of view [1/rad]."""
     widths = np.where(rows.pixel, world.noise.width_px[rows.sensor], world.noise.width[rows.sensor])
     return np.asarray(-np.log(widths))
 
@@ -140,7 +140,7 @@ def log_evidence(P: Floats, near: Linearisation, off: Floats, true: Bools) -> Fl
 
 
 def moment_matched(weight: Floats, states: list[Gaussian]) -> Gaussian:
-    """Return the Gaussian with mean and covariance of a mixture with weights (M,), sum 1."""
+    """Return the Gaussian with mean and covariance of a mixture of `states` with weights (M,), sum 1."""
     if len(states) == 1:
         return states[0]
     mean = weight @ np.array([one.mean for one in states])

@@ -71,9 +71,9 @@ def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld)
 
 
 def _outwards(azimuth: float, distance: float) -> Floats:
-    """Return (2, 2) derivatives of the position by azimuth and log distance.
+    """Return (2, 2) derivatives of the position, relative to the sensor, by azimuth [rad] and log distance.
 
-    The second column is the position itself.
+    The second column is that relative position itself.
     """
     c, s = np.cos(azimuth), np.sin(azimuth)
     return distance * np.array([[-s, c], [c, s]])
@@ -104,7 +104,7 @@ class Updated(NamedTuple):
 
 
 def gated_rows(state: Gaussian, rows: LinearisedRows, near: Linearisation, gate: float) -> Bools:
-    """Return a (R,) mask of rows with normalised innovation inside the gate, only the nearest of a sensor's candidates.
+    """Return (R,) booleans: the row's innovation is within the gate, and it is the nearest of its sensor's candidates.
 
     Args:
         state: the prediction.
@@ -129,12 +129,15 @@ def ekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Updat
 
 
 def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
-    """Update by measurements linearised at a position (2,), with the covariance in Joseph's form."""
+    """Update by measurements linearised at position `at` (2,), with the covariance in Joseph's form."""
     return by_linearisation(state, rows, linearise(at, rows, world), world)
 
 
 def by_linearisation(state: Gaussian, rows: LinearisedRows, near: Linearisation, world: MeasurementWorld) -> Updated:
-    """Update by linearised measurements, with the covariance in Joseph's form."""
+    """Update by measurements that `near` has linearised, with the covariance in Joseph's form.
+
+    Near a sensor, variances of its rows are inflated.
+    """
     H = np.zeros((len(near.R), 4))
     H[:, :2] = near.H
     off = near.innovation(state.mean)
@@ -146,9 +149,9 @@ def by_linearisation(state: Gaussian, rows: LinearisedRows, near: Linearisation,
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
     """(R,) inflation factors of variances close to a sensor, where the distance of the position is uncertain.
 
-    A line of sight's error across is its angle times the distance r, with second moment r^2 + v; linearised at
-    the position it is taken for r alone, and next to a sensor the line would have no width.  Elsewhere the form is the
-    usual one.
+    `at` (2,) is where rows are linearised, `covariance` (2, 2) that of the position. A line of sight's error across is
+    its angle times the distance r, with second moment r^2 + v; linearised at the position it is taken for r alone, and
+    next to a sensor the line would have no width.  Elsewhere factors are 1.
     """
     away = at - world.sensors.xy[rows.sensor]
     r2 = np.maximum((away**2).sum(axis=1), MIN_SQUARE)
@@ -236,7 +239,7 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
 
 
 def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(L,) negative log of prior times likelihood at (L, 2) positions, without constants; infinite behind a camera."""
+    """(L,) negative log of prior times likelihood at `positions` (L, 2), without constants; inf behind a camera."""
     away = positions - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
     expected, ahead = measured(positions, rows, world)
@@ -248,7 +251,10 @@ def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: Me
 def gauss_newton(
     start: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig
 ) -> tuple[Floats, float, bool]:
-    """Run a Gauss-Newton search; return its end position, cost, and whether the feasible border stopped it."""
+    """Search for the minimum of `map_cost` by Gauss and Newton from `start` (2,).
+
+    Return the end position (2,), its cost, and whether the border of the feasible set stopped the search.
+    """
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])
     whiten = np.linalg.inv(np.linalg.cholesky(state.covariance[:2, :2]))
     scale = STEP_SIGMA_TOLERANCE * math.sqrt(float(np.trace(state.covariance[:2, :2])))
