@@ -23,10 +23,11 @@ BORDER = 2.0
 def obstacles(
     record: TargetRecord, at: SensorStations, config: MapConfig, extent: float, T: int
 ) -> tuple[Obstacle, ...]:
-    """Return the obstacles of a record of T states.
+    """Return the obstacles of a record of `T` states, in coordinates relative to the origin of `at`.
 
     Walls count if configured. A camera's field of view is an obstacle at the states at which it had a frame without
-    detecting the target, if its detection probability P_D is known; a target inside costs -log(1 - P_D).
+    detecting the target, if its detection probability P_D is known; a target inside costs -log(1 - P_D). `extent` is
+    the size of the scene, to which views are cut.
     """
     always, nowhere = np.ones(T, dtype=np.bool_), np.zeros(2)
     walls = [Obstacle(counter_clockwise(w), tuple(convex_pieces(w)), None, nowhere, always, math.inf) for w in at.walls]
@@ -34,7 +35,10 @@ def obstacles(
 
 
 def _unseen(record: TargetRecord, at: SensorStations, config: MapConfig, T: int) -> list[tuple[int, Bools]]:
-    """Return the cameras with known detection probability, and the states at which each missed the target."""
+    """Return, for each camera with known detection probability that missed the target, its index and (T,) when it did.
+
+    States with priors of moving occluders do not count.
+    """
     found = []
     unseen = ~record.rows.seen
     for s in np.unique(record.rows.sensor[unseen]).tolist():
@@ -55,7 +59,10 @@ def _detection(s: int, at: SensorStations, config: MapConfig) -> float:
 
 
 def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: float) -> Obstacle:
-    """Return the field of view of a camera as an obstacle, up to its range."""
+    """Return the field of view of camera `s`, up to its range, as an obstacle at the states `when` (T,).
+
+    Its border is narrowed by the uncertainty of its bearings; `extent` is the size of the scene.
+    """
     missed = 1.0 - _detection(s, at, config)
     price = -math.log(missed) if missed > 0.0 else math.inf
     unsure = BORDER * max(float(at.sigma_yaw[s]), float(at.read_px[s] / at.focal_px[s]))
@@ -66,7 +73,7 @@ def _view(s: int, when: Bools, at: SensorStations, config: MapConfig, extent: fl
 
 
 def _wider(wall: Floats, eye: Floats, angle: float) -> Floats:
-    """Return a wall widened so that it hides an additional angle [rad] on both sides."""
+    """Return a wall (K, 2) widened so that it hides an additional `angle` [rad] on both sides from `eye` (2,)."""
     return offset(wall, angle * float(np.hypot(*(wall - eye).T).max()))
 
 

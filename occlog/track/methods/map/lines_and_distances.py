@@ -101,7 +101,10 @@ def mixed_search(
 
 
 def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> RobustSearchResult:
-    """Return the cheapest mode with its rivals: nearly as cheap and significantly different."""
+    """Return the mode of least cost with its rivals: nearly as cheap and significantly different.
+
+    `costs` are those of `modes`.
+    """
     order = np.argsort(costs, kind="stable").tolist()
     best, X = modes[order[0]], modes[order[0]].mode.solution.X
     rivals: list[RivalMode] = []
@@ -119,7 +122,10 @@ def _with_rivals_of(modes: list[RobustSearchResult], costs: list[float]) -> Robu
 
 
 def _significantly_away(other: Floats, X: Floats, spread: Floats) -> Bools:
-    """Return (T,) booleans: whether positions differ significantly from others with covariances (T, 4, 4)."""
+    """Return (T,) booleans: positions of states `other` (T, 4) differ significantly from those of X (T, 4).
+
+    `spread` (T, 4, 4) are the covariances of X.
+    """
     away = (other - X)[:, ::2]
     away2 = np.einsum("ti,tij,tj->t", away, np.linalg.inv(spread[:, ::2, ::2]), away)
     return np.asarray(away2 > RIVAL_SIGMAS**2)
@@ -141,7 +147,7 @@ def with_rivals(X: Floats, spread: Floats, rivals: Sequence[RivalMode]) -> Float
 
 
 def _total(rows: RangeMeasurements, record: TargetRecord, found: RobustSearchResult) -> float:
-    """Return the cost of a solution including lines of sight omitted from its problem."""
+    """Return the cost of a solution with exact terms of distances, and with lines of sight omitted from its problem."""
     return _cost(rows, record.measured_state, found) + found.score - found.mode.solution.cost
 
 
@@ -153,7 +159,16 @@ def _settled(
     around: tuple[Obstacle, ...],
     watch: Watch,
 ) -> RobustSearchResult:
-    """Iterate the search from a path until it converges, station biases included."""
+    """Iterate the search from a path until it converges, station biases included, at most `ROUNDS` times.
+
+    Args:
+        rows: measurements of distances.
+        path: where the search begins, and the lines of sight that agree there.
+        pending: the target.
+        record: its record.
+        around: obstacles.
+        watch: called with each iterate; None: not.
+    """
     biases = begin_biases(rows, len(record.t_ns))
     for _ in range(ROUNDS):
         found = _once(rows if biases is None else biases.corrected(rows), path, pending, record, around, watch)
@@ -176,7 +191,17 @@ def _once(
     watch: Watch,
     wide: float = 0.0,
 ) -> RobustSearchResult:
-    """Search once with measurements linearised about a path, widened by a position error `wide`."""
+    """Search once, with measurements of distances linearised about a path.
+
+    Args:
+        rows: measurements of distances.
+        path: where the search begins, and the lines of sight that agree there.
+        pending: the target.
+        record: its record.
+        around: obstacles.
+        watch: called with each iterate; None: not.
+        wide: standard deviation of a position error by which measurements are widened.
+    """
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
     occlusion = OccluderHints(np.zeros(len(path.agree)), hints)
@@ -188,14 +213,17 @@ def _path(found: RobustSearchResult) -> ConsensusPath:
 
 
 def _lost(rows: RangeMeasurements, X: Floats) -> bool:
-    """Return whether most of a run of consecutive measurements are rejected at their (m, 4) states."""
+    """Return whether most of some `IN_A_ROW` successive measurements are rejected at their states X (m, 4)."""
     doubted = inlier_probability(residuals_at_own_position(rows, X[:, ::2])[0], rows.errors) < 0.5
     several = min(IN_A_ROW, len(doubted))
     return bool(several) and bool((np.convolve(doubted, np.ones(several), "valid") > 0.5 * several).any())
 
 
 def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> float:
-    """Return the full cost of a solution, with linearised terms replaced by exact ones."""
+    """Return the cost of a solution with linearised terms of distances replaced by exact ones.
+
+    `state` (m,) is the state of each of the measurements `rows`.
+    """
     assert found.hints is not None
     assert found.hints.hints is not None
     X = found.mode.solution.X
@@ -237,7 +265,7 @@ def with_distances(
     found: PathsAroundObstacles,
     biases: StationBiases | None,
 ) -> SmoothedTrajectory:
-    """Return the smoothed states with their diagnostics of distance measurements.
+    """Return the smoothed states with diagnostics of their distance measurements added.
 
     Args:
         out: the states that are given out.

@@ -46,7 +46,7 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
 
     Args:
         scene: cameras and arrays.
-        origin: (2,)
+        origin: (2,) in the scene's coordinates.
         walls: whether room and static occluders hold the target in.
     """
     cameras, arrays = scene.cameras, scene.arrays
@@ -96,7 +96,7 @@ def convex_hull(polygon: Floats) -> Floats:
 
 
 def sight_lines(record: TargetRecord, at: SensorStations) -> BearingLinesByStep:
-    """Return the lines of sight of rows that saw the target; camera readings with the noise of [Ercan] Eq. 2."""
+    """Return the lines of sight of the rows that saw the target; camera readings have the noise of [Ercan] Eq. 2."""
     seen = record.rows.take(record.rows.seen)
     sensor, u = seen.sensor, seen.u_px
     off_axis = np.abs(wrap_angle(seen.bearing - at.yaw[sensor]))
@@ -170,7 +170,8 @@ def constraints(
 def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> HalfPlanes:
     """Return half-planes on the camera's side of the first wall that each line of sight meets.
 
-    A line of sight that may pass next to that wall, by its standard deviation, gives no constraint.
+    A line of sight that may pass next to that wall, by its standard deviation, gives no constraint. `seen` are the rows
+    of the lines of sight.
     """
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)
@@ -186,10 +187,17 @@ def _before_walls(lines: BearingLinesByStep, seen: Scan, at: SensorStations) -> 
 
 
 def _before(position: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, ...]) -> tuple[Ints, Floats, Floats]:
-    """Which of n lines of sight from one position meet a wall for certain, and half-planes (normal, offset) before it.
+    """Return indices of the lines of sight that surely meet a wall, and half-planes before the walls.
 
-    Where they are sure to meet one edge it is this edge's; around a corner of a convex wall what is before it is
-    not beyond the farther of the outermost lines of sight' hits.
+    Half-planes are normals (k, 2) and offsets (k,), one for each of these lines. Where they are sure to meet one edge
+    it is this edge's; around a corner of a convex wall what is before it is not beyond the farther of the outermost
+    lines of sight' hits.
+
+    Args:
+        position: (2,) of the sensor.
+        bearing: (n,) [rad].
+        away: (n,) angles by which a line may be off [rad].
+        walls: polygons (K, 2).
     """
     start = np.vstack(walls)
     edge = np.vstack([np.roll(w, -1, axis=0) for w in walls]) - start
@@ -218,7 +226,7 @@ def first_hit(position: Floats, bearing: Floats, start: Floats, edge: Floats) ->
     """Return (n,) index of the edge first hit by lines of sight from one position; -1 for none.
 
     Args:
-        position: (2,)
+        position: (2,) where they begin.
         bearing: (n,) [rad]
         start: (E, 2) one end of each edge.
         edge: (E, 2) from there to the other end.

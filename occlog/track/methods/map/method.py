@@ -105,7 +105,7 @@ def residuals_and_noise_scales(
 
 
 def _angles(lines: BearingLinesByStep, record: TargetRecord, pending: Pending, X: Floats) -> Floats:
-    """Return (N,) angles between lines of sight and states, in standard deviations."""
+    """Return (N,) angles between lines of sight and their states in X (T, 4), >= 0, in standard deviations."""
     rays = rays_of(lines, record, pending.at)
     away = X[lines.step, ::2] - lines.position
     angle = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(rays.direction[:, 1], rays.direction[:, 0])
@@ -170,7 +170,7 @@ def advance(
 def _estimate(
     sought: RobustSearchResult, around: tuple[Obstacle, ...], pending: Pending, *, stated: bool = False
 ) -> tuple[PathsAroundObstacles, Floats]:
-    """Return the estimate to be released and its covariances (T, 4, 4).
+    """Return the estimate that is given out, and its covariances (T, 4, 4).
 
     Args:
         sought: the mode.
@@ -217,7 +217,19 @@ def _smoothed(
     judged: tuple[BearingResiduals, NoiseScales],
     rivals: tuple[RivalMode, ...],
 ) -> SmoothedTrajectory:
-    """Return the first states (as many as covariances) as smoothed states with diagnostics."""
+    """Return the first `len(spread)` states as smoothed states with diagnostics.
+
+    Args:
+        pending: the target.
+        problem: of T states.
+        solution: its minimum.
+        spread: (keep, 4, 4) covariances of the states that are given out.
+        record: of T states.
+        stuck: (T,) states with contradictory constraints.
+        through: (T,) states inside an obstacle.
+        judged: residuals of the bearings, and noise factors.
+        rivals: competing modes.
+    """
     X = solution.X
     T, keep = len(X), len(spread)
     observing, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
@@ -263,7 +275,10 @@ def _smoothed(
 
 
 def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> RivalTrajectory:
-    """Summarise where a rival mode differs from the states (T, 4), of the first `keep`: rows, distance, times."""
+    """Summarise where a rival mode differs from states X (T, 4), among the first `keep`: rows, distance and times.
+
+    It must differ in one of them.
+    """
     rows = np.flatnonzero(rival.elsewhere[:keep])
     away = np.hypot(*(rival.X - X)[rows, ::2].T)
     first, last = record.t_ns[rows[[0, -1]]].tolist()
@@ -271,7 +286,7 @@ def _rival(rival: RivalMode, X: Floats, record: TargetRecord, keep: int) -> Riva
 
 
 def _scores(problem: TrajectoryProblem, X: Floats) -> Floats:
-    """Return (T,) log likelihoods of each state's bearings under the loss; NaN without bearings."""
+    """Return (T,) log likelihoods of each state's bearings at X (T, 4) under the loss; NaN without bearings."""
     lines = problem.lines
     away = X[lines.step, ::2] - lines.position
     d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)

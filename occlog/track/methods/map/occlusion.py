@@ -111,7 +111,7 @@ def occlusion_terms(
 
 
 def _detection(pending: Pending, i: int) -> float:
-    """Return the detection probability of a camera; 1 if unknown."""
+    """Return the detection probability of camera `i`: its own, or that of the settings; 1 if unknown."""
     own = float(pending.at.detection[i])
     if math.isnan(own):
         own = 1.0 if pending.config.detection_probability is None else pending.config.detection_probability
@@ -129,7 +129,9 @@ def quadrature() -> tuple[Floats, Floats]:
 def cavity_distribution(
     position: Floats, covariance: Floats, term: tuple[Floats, Floats, Floats] | None
 ) -> tuple[Floats, Floats] | None:
-    """Return mean (2,) and covariance (2, 2) of a position with one term removed; None if too uncertain.
+    """Return mean (2,) and covariance (2, 2) of a position with one quadratic term removed.
+
+    None if that is too uncertain.
 
     Args:
         position: (2,) mean with the term.
@@ -151,7 +153,7 @@ def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -
     """Return the quadratic term that maps a Gaussian to the moments of weighted points (curvature >= 0).
 
     Args:
-        points: (Q, 2)
+        points: (Q, 2) positions.
         weights: (Q,) of the Gaussian's quadrature times the likelihood, up to a factor.
         mean: (2,) of the Gaussian.
         covariance: (2, 2) of it.
@@ -173,19 +175,19 @@ def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -
 
 
 def _between(a: tuple[Floats, Floats, Floats], b: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
-    """Return the mean of two quadratic terms, about the second one's centre."""
+    """Return the mean of two quadratic terms (centre, slope, curvature), about the centre of `b`."""
     slope = a[1] + a[2] @ (b[0] - a[0])
     return b[0], 0.5 * (slope + b[1]), 0.5 * (a[2] + b[2])
 
 
 def _term(hints: QuadraticPriors, m: int) -> tuple[Floats, Floats, Floats]:
-    """Return centre, slope and curvature (2, 2) of a quadratic term."""
+    """Return centre (2,), slope (2,) and curvature (2, 2) of quadratic term `m`."""
     xx, xy, yy = hints.bend[m]
     return hints.position[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
 
 
 def _hints(made: list[tuple[int, Floats, Floats, Floats]]) -> QuadraticPriors:
-    """Return the quadratic terms of states as arrays."""
+    """Return quadratic terms (state, centre, slope, curvature) as arrays."""
     return QuadraticPriors(
         np.array([t for t, *_ in made], dtype=np.int64),
         np.array([c for _, c, _, _ in made]).reshape(-1, 2),

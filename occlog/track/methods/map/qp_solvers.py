@@ -16,7 +16,7 @@ OSQP_STEPS = 200_000
 
 
 def program_solver(name: str) -> Solver:
-    """A solver by its name; UsageError if its package is not installed.
+    """Return a solver of quadratic programs by its name; UsageError if its package is not installed.
 
     Args:
         name: one of `occlog.track.methods.map.config.PACKAGES`.

@@ -32,7 +32,7 @@ class TargetRecord(NamedTuple):
     measured_state: Ints = NO_STATES  # (m,) which time each of them is of, rising
 
     def priors(self, state: int) -> Priors | None:
-        """Return the priors of moving occluders at a state; None if unknown."""
+        """Return the priors of moving occluders at a state (index); None if unknown."""
         return self.occluders[state] if state < len(self.occluders) else None
 
 
@@ -54,7 +54,7 @@ def record_of(scans: Sequence[Scan]) -> TargetRecord:
 
 
 def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:
-    """Concatenate two successive records."""
+    """Return record `a` followed by record `b`, which is later."""
     state = np.concatenate([a.state, b.state + len(a.t_ns)])
     silent = (None,) * (len(a.t_ns) - len(a.occluders))
     occluders = _occluder_priors_of((*a.occluders, *silent, *b.occluders))
@@ -70,7 +70,7 @@ def join(a: TargetRecord, b: TargetRecord) -> TargetRecord:
 
 
 def after(record: TargetRecord, state: int) -> TargetRecord:
-    """Return the part of the record from a state on."""
+    """Return the part of the record from state `state` on, which becomes its state 0."""
     rows = record.state >= state
     own = record.measured_state >= state
     return TargetRecord(

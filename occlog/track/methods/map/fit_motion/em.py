@@ -29,7 +29,7 @@ LEAST = 10
 
 
 class FitProblem(NamedTuple):
-    """Measured positions in units of steps and scales."""
+    """Measured positions in units of steps and scales, and what is fitted to them."""
 
     nodes: Nodes
     shape: Shape
@@ -75,7 +75,7 @@ def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, 
 
     Positions are taken as exact, velocities are central differences; errors of the positions become disturbances of the
     motion. The log likelihood is that of the states, not comparable with other methods'; standard errors take residuals
-    as independent.
+    as independent. Trajectories are cut at gaps longer than `longest_gap_s`; `step_s` is the model's step, > 0.
 
     Raises:
         ValueError: too few transitions, or nothing moves.
@@ -100,7 +100,7 @@ def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, 
 
 
 def need(count: int, shape: Shape, what: str) -> None:
-    """Raise ValueError if a count (of `what`) is too small for the number of parameters."""
+    """Raise ValueError if `count` measurements, named `what`, are too few for the number of parameters of `shape`."""
     least = max(LEAST, 3 * len(names(shape)))
     if count < least:
         raise ValueError(f"{count} {what} are too few for {len(names(shape))} parameters; want at least {least}")
@@ -109,7 +109,15 @@ def need(count: int, shape: Shape, what: str) -> None:
 def prepare(
     paths: Sequence[MeasuredPath], step_s: float, shape: Shape, longest_gap_s: float, noise: float | None = None
 ) -> FitProblem:
-    """Assign positions to time steps and determine the initial scales of the fit; errors are those of `fit_em`."""
+    """Return the fit problem of some paths: positions at time steps, in units of a scale; errors are those of `fit_em`.
+
+    Args:
+        paths: positions of each object.
+        step_s: step of the model [s].
+        shape: what is fitted.
+        longest_gap_s: trajectories are cut at longer gaps [s].
+        noise: standard deviation of the positions' errors, per axis; None: fitted, or in the paths.
+    """
     nodes = make_nodes(paths, step_s, longest_gap_s)
     need(int(nodes.seen.sum()), shape, "positions")
     both = nodes.seen[1:] & nodes.seen[:-1] & ~nodes.first[1:]
@@ -132,7 +140,7 @@ def _scale(steps: Floats) -> float:
 
 
 def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
-    """Return the log likelihood (of scaled positions) and the expected sums."""
+    """Return the log likelihood of the scaled positions for the parameters `theta`, and the expected sums (E step)."""
     A, sigma, noise = build(problem.shape, theta)
     n = problem.nodes
     R = problem.R if noise is None else np.broadcast_to(noise**2 * np.eye(2), problem.R.shape).copy()
@@ -140,7 +148,14 @@ def e_step(problem: FitProblem, theta: Floats) -> tuple[float, SmootherSums]:
 
 
 def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15) -> Floats:
-    """Return parameters that increase the expected log likelihood, or the same if there are none."""
+    """Return parameters that increase the expected log likelihood (M step), or `theta` if none are found.
+
+    Args:
+        shape: what is fitted.
+        theta: parameters before.
+        sums: expectations for these.
+        iterations: at most, of the quasi-Newton method.
+    """
     theta = regression(shape, theta, sums)
     size = 1.0 / max(1, sums.n + sums.m)
 
@@ -159,7 +174,10 @@ def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15
 
 
 def em(problem: FitProblem, theta: Floats, steps: int) -> tuple[Floats, list[float]]:
-    """Return the parameters after some EM iterations and the log likelihood before each; it never decreases."""
+    """Return the parameters after at most `steps` EM iterations, and the log likelihood before each.
+
+    It never decreases. `theta` are the initial parameters; iterations end early if hardly anything is gained.
+    """
     trace = []
     for _ in range(steps):
         value, sums = e_step(problem, theta)
@@ -203,7 +221,7 @@ def _maximise(problem: FitProblem, rounds: int) -> Optimum:
 
 
 def _unit_sizes(problem: FitProblem, theta: Floats) -> Floats:
-    """Return approximate standard errors of the parameters for known states, as search scales."""
+    """Return approximate standard errors of the parameters `theta`, at most 1, for known states, as search scales."""
     sums = e_step(problem, theta)[1]
     at = np.diag(information(lambda there: slope(problem.shape, there, sums), problem.shape, theta))
     return 1.0 / np.sqrt(np.where(at > 1.0, at, 1.0))

@@ -70,7 +70,7 @@ def names(shape: Shape) -> tuple[str, ...]:
 
 @functools.cache
 def limits(shape: Shape) -> tuple[tuple[float | None, float | None], ...]:
-    """Return lower and upper bounds of the free parameters."""
+    """Return lower and upper bounds of the free parameters, in the order of `names`; None: unbounded."""
     small, large = float(np.log(SMALLEST)), float(np.log(LARGEST))
     out: list[tuple[float | None, float | None]] = []
     for name in names(shape):
@@ -104,7 +104,7 @@ def start(shape: Shape, bend: float) -> Floats:
 
 
 def build(shape: Shape, theta: Floats) -> MotionModelParameters:
-    """Return the model (A, Sigma, noise) for a parameter vector."""
+    """Return the model (A, Sigma, noise), in steps and scales, for a parameter vector in the order of `names`."""
     known = names(shape)
     if shape.form == "cv":
         A, beta, used = CV, 0.0, 0
@@ -142,12 +142,15 @@ def _sigma(shape: Shape, own: Floats, beta: float) -> Floats:
 
 
 def _reach(s: Floats, beta: float) -> Floats:
-    """Return the effect of a velocity on the position after time s: (1 - exp(-beta s)) / beta."""
+    """Return the effect of a velocity on the position after times s [steps]: (1 - exp(-beta s)) / beta."""
     return s.copy() if abs(beta) < 1e-9 else -np.expm1(-beta * s) / beta
 
 
 def _white(beta: float) -> Floats:
-    """Return the noise of one step from white acceleration of unit density, by Gauss-Legendre quadrature."""
+    """Return the noise (2, 2) of one step from white acceleration of unit density, by Gauss-Legendre quadrature.
+
+    `beta` is the rate at which velocity dies out, per step.
+    """
     if beta == 0.0:
         return np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
     s, w = 0.5 * (NODE + 1.0), 0.5 * WEIGHT
@@ -157,7 +160,7 @@ def _white(beta: float) -> Floats:
 
 
 def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
-    """Return the expected log likelihood of states and measurements (Q of EM), up to a constant."""
+    """Return the expected log likelihood of states and measurements (Q of EM) for `theta`, up to a constant."""
     A, sigma, noise = build(shape, theta)
     B = A - CV
     cross = B @ sums.DX.T
@@ -171,7 +174,7 @@ def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
 
 
 def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> Floats:
-    """Return the gradient of `expected` by central differences."""
+    """Return the gradient of `expected` by `theta`, by central differences of step `h`."""
     out = np.empty(len(theta))
     for i in range(len(theta)):
         there, here = theta.copy(), theta.copy()
@@ -182,7 +185,7 @@ def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> F
 
 
 def regression(shape: Shape, theta: Floats, sums: SmootherSums) -> Floats:
-    """Return the parameters with the free rows of A by least squares, for form `full` only.
+    """Return the parameters with the free rows of A by least squares; for other forms than `full` they are `theta`.
 
     K = CV_f + (W_ff)^-1 W_f. DX XX^-1 with W = Sigma^-1 and f the free rows: the exact maximum for the given Sigma.
     """

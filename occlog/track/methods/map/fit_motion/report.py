@@ -44,7 +44,7 @@ class MotionFit(NamedTuple):
 
 
 class Optimum(NamedTuple):
-    """Parameters at the maximum of the likelihood."""
+    """Parameters at the maximum of the likelihood, its value, and how the search went."""
 
     theta: Floats
     value: float
@@ -54,9 +54,9 @@ class Optimum(NamedTuple):
 
 
 def information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Floats, h: float = 1e-3) -> Floats:
-    """Return the observed information: negative second derivatives of the log likelihood.
+    """Return the observed information (n, n): negative second derivatives of the log likelihood at `theta` (n,).
 
-    NaN for parameters at a bound.
+    `gradient` is that of the log likelihood; its differences are over steps `h`. NaN for parameters at a bound.
     """
     n = len(theta)
     out = np.full((n, n), np.nan)
@@ -71,12 +71,15 @@ def information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Float
 
 
 def at_limit(value: float, limit: tuple[float | None, float | None]) -> bool:
-    """Return whether a parameter is at its bound."""
+    """Return whether a parameter is at one of its bounds (lower, upper; None: unbounded), within 0.01."""
     return any(end is not None and abs(value - end) < 1e-2 for end in limit)
 
 
 def _covariance(information: Floats) -> tuple[Floats, Floats]:
-    """Return the covariance of the parameters, and a basis of undetermined directions (columns)."""
+    """Return the covariance (n, n) of the parameters, and a basis (n, k) of k undetermined directions (columns).
+
+    `information` (n, n) is NaN for parameters at a bound, which get zeros.
+    """
     n = len(information)
     free = np.flatnonzero(np.isfinite(np.diag(information)))
     values, vectors = np.linalg.eigh(information[np.ix_(free, free)])
@@ -149,7 +152,10 @@ def _plain(name: str, value: float) -> float:
 
 
 def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
-    """Return factors that convert each parameter to seconds and length units; 0 for unnamed matrix entries."""
+    """Return factors that convert each parameter in `known` (names) to seconds and length units; 0 for matrix entries.
+
+    `scale` is the length of one scale, `step_s` the model's step [s].
+    """
     unit = {
         "decay": 1.0 / step_s,
         "noise": scale,
@@ -162,7 +168,10 @@ def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
 
 
 def in_units(model: MotionModelParameters, scale: float, step_s: float) -> tuple[GaussMarkov, float | None]:
-    """Return the model and noise in the positions' unit and seconds."""
+    """Return the model and the noise in the positions' unit and seconds.
+
+    `scale` is the length of one scale, `step_s` the model's step [s].
+    """
     D = scale * np.array([1.0, 1.0 / step_s, 1.0, 1.0 / step_s])
     sigma = model.sigma * np.outer(D, D)
     noise = None if model.noise is None else model.noise * scale

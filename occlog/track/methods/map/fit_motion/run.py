@@ -31,7 +31,11 @@ LARGEST_FILL = 50
 
 
 def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fit and write the model; return the summary and the losses recorded in the inputs."""
+    """Fit a motion model to the request's positions, and write it.
+
+    Return the figures of the summary, and the losses recorded in the inputs. InputError if the positions do not
+    suffice.
+    """
     config = configure(FitConfig(), request.settings)
     paths, unit, losses = read_paths(request, config)
     where = ", ".join(str(p) for p in request.positions)
@@ -111,7 +115,7 @@ def _figures(fit: MotionFit, config: FitConfig) -> dict[str, object]:
 
 
 def spectral_radius(A: Floats) -> float:
-    """Return the largest absolute eigenvalue of A, exact for block-triangular A."""
+    """Return the largest absolute eigenvalue of A (4, 4), exact for block-triangular A."""
     pairs = A.reshape(2, 2, 2, 2)
     if not (pairs[0, :, 1].any() or pairs[1, :, 0].any() or A[1, 0] or A[3, 2]):
         return float(np.abs(np.diag(A)).max())
@@ -119,7 +123,7 @@ def spectral_radius(A: Floats) -> float:
 
 
 def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> list[str]:
-    """Return the findings that put the model in doubt."""
+    """Return the texts of what puts the model in doubt; none if all is well."""
     out = []
     radius = spectral_radius(fit.model.A)
     if radius > 1.0:
@@ -142,7 +146,10 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
 
 
 def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[MeasuredPath], str, tuple[Loss, ...]]:
-    """Return positions of each object and file, the length unit, and the losses recorded in the inputs."""
+    """Return the path of each object in each file, the length unit, and the losses recorded in the inputs.
+
+    UsageError if truth is to have covariances; InputError if no position is left.
+    """
     paths: list[MeasuredPath] = []
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
     unit, source = common_unit(inputs)
@@ -165,7 +172,10 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Measu
 
 
 def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[MeasuredPath]:
-    """Return the path of each object by ascending identity, with the first of several positions at one time."""
+    """Return the path of each object by ascending identity, with the first of several positions at one time.
+
+    `targets` are the identities to use; empty: all, but of truth those with the role `target`.
+    """
     used = np.isin(table.target_id, targets) if targets else np.ones(len(table), np.bool_)
     if isinstance(table, Truth) and not targets:
         used &= table.role == "target"

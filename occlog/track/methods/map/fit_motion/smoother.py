@@ -76,7 +76,7 @@ def smooth(
 
 @kernel
 def _observation_matrix(off: float) -> Floats:
-    """Return the measurement matrix C of a position measured `off` steps after its node."""
+    """Return the measurement matrix C (2, 4) of a position measured `off` steps after its node."""
     C = np.zeros((2, 4))
     C[0, 0] = C[1, 2] = 1.0
     C[0, 1] = C[1, 3] = off
@@ -132,7 +132,11 @@ def _smooth(
     A: Floats,
     F: Floats,
 ) -> tuple[int, Floats, Floats, Floats, int, Floats]:
-    """Smooth by Rauch-Tung-Striebel in place: `mean` and `cov` become those given all measurements."""
+    """Smooth by Rauch-Tung-Striebel, and return the sums that make `SmootherSums`, in its order.
+
+    `mean` (K, 4) and `cov` (K, 4, 4) of the filter become those given all measurements, in place; `before` and
+    `before_cov` are the filter's predictions. F (4, 4) is CV; other arguments are those of `smooth`.
+    """
     K = first.shape[0]
     DD, DX, XX, E = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((2, 2))
     Ft = np.ascontiguousarray(F.T)
@@ -164,7 +168,7 @@ BRIDGED = 2.0
 
 
 class MeasuredPath(NamedTuple):
-    """Measured positions of one object."""
+    """Measured positions of one object at rising times, with covariances if known."""
 
     t_ns: Ints  # (N,) rising
     xy: Floats  # (N, 2)
@@ -172,7 +176,7 @@ class MeasuredPath(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Concatenated trajectories on their time grids."""
+    """Trajectories on time grids of equal steps, one after another; K nodes."""
 
     first: Bools  # (K,) a trajectory begins here
     seen: Bools  # (K,) there is a measurement
@@ -214,7 +218,7 @@ def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: floa
 
 
 def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
-    """Return the path split at gaps longer than `longest_gap_s`."""
+    """Return the path split at gaps longer than `longest_gap_s` [s]."""
     cuts = np.flatnonzero(np.diff(path.t_ns) > longest_gap_s * 1e9 * (1.0 + 1e-9)) + 1
     bounds = [0, *cuts.tolist(), len(path.t_ns)]
     return [
@@ -224,7 +228,10 @@ def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
 
 
 def _nodes_of(path: MeasuredPath, step_s: float) -> Nodes | None:
-    """Return one trajectory on its grid, starting at its first position; None if only one node is measured."""
+    """Return one trajectory on its grid of steps of `step_s` [s], starting at its first position.
+
+    None if only one node is measured.
+    """
     if len(path.t_ns) < 2:
         return None
     steps = (path.t_ns - path.t_ns[0]) * 1e-9 / step_s
@@ -247,9 +254,10 @@ def _nodes_of(path: MeasuredPath, step_s: float) -> Nodes | None:
 def transitions_by_differences(
     paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: float
 ) -> tuple[Floats, Floats]:
-    """Return (M, 4) states u u' v v' from central differences, per step, and the (M, 4) following states.
+    """Return M states (M, 4) u u' v v' from central differences, and the states (M, 4) one step later.
 
-    Positions are interpolated linearly to equal steps, over gaps of at most `BRIDGED` steps.
+    Velocities are per step of `step_s` [s]. Positions are interpolated linearly to equal steps, over gaps of at most
+    `BRIDGED` steps; paths are cut at gaps longer than `longest_gap_s` [s].
     """
     pairs = [_pairs(piece, step_s) for path in paths for piece in split(path, longest_gap_s)]
     if not pairs:

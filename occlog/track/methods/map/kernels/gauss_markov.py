@@ -86,7 +86,7 @@ def diffusion(model: GaussMarkov) -> Diffusion:
 
 
 def transitions(model: GaussMarkov, dt: Floats) -> tuple[Floats, Floats]:
-    """Return (K, 4, 4) A and (K, 4, 4) Sigma for steps of lengths (K,) [s], > 0.
+    """Return A (K, 4, 4) and Sigma (K, 4, 4) for steps of lengths `dt` (K,) [s], > 0.
 
     Raises:
         ValueError: there are steps of other lengths than the model's own, and A has no real logarithm.
@@ -101,7 +101,10 @@ def transitions(model: GaussMarkov, dt: Floats) -> tuple[Floats, Floats]:
 
 @kernel
 def _step(B: Floats, S: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Return exp(B dt) and the noise covariance of dt: a series for a short step, then repeatedly doubled."""
+    """Return exp(B dt) (4, 4) and the noise covariance (4, 4) of a step: a series for a short step, repeatedly doubled.
+
+    B and S are those of `Diffusion`, `dt` is in seconds.
+    """
     norm = np.abs(B).sum(axis=1).max() * dt
     doublings = max(0, math.ceil(math.log2(norm / SMALL))) if norm > 0.0 else 0
     h = dt / 2.0**doublings

@@ -74,7 +74,10 @@ def move_inside(X: Floats, planes: HalfPlanes, margin: float) -> tuple[Floats, B
 
 @kernel
 def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools) -> None:
-    """Project each state repeatedly onto its most violated half-plane, with a decreasing margin."""
+    """Project each state of X (T, 4) repeatedly onto its most violated half-plane, in place, with a decreasing margin.
+
+    `contradictory` (T,) is set for the states of half-planes that cannot all be held with `THINNEST` of the margin.
+    """
     M = planes.step.shape[0]
     first = 0
     while first < M:
@@ -92,7 +95,10 @@ def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools)
 
 @kernel
 def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state in place to satisfy its half-planes first .. last - 1 by `want`; return False if impossible."""
+    """Move one state of X in place to satisfy its half-planes first .. last - 1 by `want`.
+
+    Return False if impossible.
+    """
     t = planes.step[first]
     for _ in range(ROUNDS):
         worst, which = 0.0, -1
@@ -110,9 +116,10 @@ def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) ->
 
 @kernel
 def _corner(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state to the nearest feasible corner of its half-planes; return False if there is none.
+    """Move one state of X in place to the nearest feasible corner of its half-planes; return False if there is none.
 
-    Used where projections converge slowly, in narrow wedges.
+    It holds half-planes first .. last - 1 by half of `want` at least. Used where projections converge slowly, in narrow
+    wedges.
     """
     t, n, nearest = planes.step[first], planes.normal, np.inf
     x, y = X[t, 0], X[t, 2]
@@ -140,7 +147,7 @@ def _least(planes: HalfPlanes, first: int, last: int, u: float, v: float) -> flo
 
 @kernel
 def _square(U: Floats, out: Floats) -> None:
-    """Set `out` to U' U, for a lower triangle."""
+    """Set `out` (4, 4) to U' U, for a lower triangular U (4, 4)."""
     for i in range(4):
         for j in range(i + 1):
             v = 0.0
@@ -152,7 +159,7 @@ def _square(U: Floats, out: Floats) -> None:
 
 @kernel
 def _cholesky(S: Floats, R: Floats) -> bool:
-    """Factor S = R' R with R upper triangular; return False if S is not positive definite."""
+    """Write the factor of S = R' R (4, 4) with R upper triangular; return False if S is not positive definite."""
     for i in range(4):
         v = S[i, i]
         for k in range(i):
@@ -222,7 +229,10 @@ def factor_sum(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> bool:
 
 @kernel
 def _reflect(M: Floats, rows: int, columns: int, start: int, count: int) -> None:
-    """Triangularise `count` columns of M from `start` by Householder reflections, in place."""
+    """Triangularise `count` columns of M from `start` by Householder reflections, in place.
+
+    Column start + c becomes 0 below row c; `rows` and `columns` of M are used.
+    """
     for c in range(count):
         j, norm2 = start + c, 0.0
         for i in range(c, rows):
@@ -288,7 +298,11 @@ def factor_rows(steps: ChainSteps, H: Floats, R: Floats, N: Floats) -> None:
 
 @kernel
 def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
-    """Solve R' R x = b for (T, 4) vectors; x is written."""
+    """Solve R' R x = b for vectors b (T, 4), and write x (T, 4).
+
+    R (T, 4, 4) are upper triangular blocks on the diagonal, N (T, 4, 4) those right of them, from `factor_sum` or
+    `factor_rows`.
+    """
     T = R.shape[0]
     for t in range(T):  # forward: R' y = b
         for i in range(4):
@@ -312,7 +326,10 @@ def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
 
 @kernel
 def inverse_blocks(R: Floats, N: Floats, out: Floats) -> None:
-    """Write the diagonal blocks (T, 4, 4) of the inverse of R' R to `out`: the covariance of each state."""
+    """Write the diagonal blocks (T, 4, 4) of the inverse of R' R to `out`: the covariance of each state.
+
+    R (T, 4, 4) are upper triangular blocks on the diagonal, N (T, 4, 4) those right of them, from `factor_rows`.
+    """
     T = R.shape[0]
     inverse, E = np.zeros((4, 4)), np.empty((4, 4))
     for t in range(T - 1, -1, -1):
@@ -348,7 +365,7 @@ MIN_EXACT = 0.1
 
 
 class Iterate(NamedTuple):
-    """Record of one iteration of the search: cost and step."""
+    """One iteration of the search: states, cost, step and barrier weight."""
 
     number: int  # 0: the start
     X: Floats  # (T, 4) states after it
@@ -360,7 +377,7 @@ class Iterate(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Solution of the minimisation, converged or not."""
+    """End of a search for the minimum, converged or not: states, cost, and multipliers of the constraints."""
 
     X: Floats  # (T, 4)
     cost: float
@@ -370,7 +387,7 @@ class Solution(NamedTuple):
 
 
 class Options(NamedTuple):
-    """Stopping criteria of the minimisation."""
+    """Stopping criteria of a search for the minimum, and its first barrier weight."""
 
     tolerance: float  # largest change of a position in the last iteration
     most: int = 200  # iterations
@@ -378,7 +395,7 @@ class Options(NamedTuple):
 
 
 def cost(problem: TrajectoryProblem, X: Floats) -> float:
-    """Return the negative log posterior of states (T, 4), up to a constant."""
+    """Return the negative log posterior of states X (T, 4), up to a constant; constraints do not count."""
     total: float = chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
     return total + hints_cost(problem.hints, X) if len(problem.hints.step) else total
 
@@ -386,7 +403,7 @@ def cost(problem: TrajectoryProblem, X: Floats) -> float:
 def minimise(
     problem: TrajectoryProblem, start: Floats, options: Options, watch: Callable[[Iterate], None] | None = None
 ) -> Solution:
-    """Return the local minimum of the cost reached from a start.
+    """Return the local minimum of the cost inside the constraints, reached from a start by the interior point method.
 
     Args:
         problem: what is minimised.
@@ -435,7 +452,16 @@ def minimise(
 def _direction(
     problem: TrajectoryProblem, X: Floats, mu: float, multiplier: Floats, exact: float
 ) -> tuple[Floats, Floats, float]:
-    """Return the gradient of the barrier cost, a descent step, and the share of exact second derivatives in it."""
+    """Return the gradient (T, 4) of the barrier cost, a descent step (T, 4), and the share of exact second derivatives.
+
+    Args:
+        problem: what is minimised.
+        X: (T, 4) states.
+        mu: weight of the barrier.
+        multiplier: (M,) of the constraints.
+        exact: share of exact second derivatives to begin with, 0 to 1; it is lowered until the Hessian is positive
+            definite.
+    """
     R, N = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4))
     dX = np.empty_like(X)
     # Cholesky of the summed Hessian, with less and less of the exact second derivatives until it is positive definite
@@ -456,9 +482,9 @@ def _direction(
 
 
 def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Floats, Floats]:
-    """Return the gradient (T, 4) of the cost, and the positional Hessian (T, 3) without the chain's part: xx, xy, yy.
+    """Return the gradient (T, 4) of the cost at X (T, 4), and the Hessian (T, 3) by position: xx, xy, yy.
 
-    `exact` as in `add_lines`.
+    The Hessian is without the chain's part; `exact` as in `add_lines`.
     """
     g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
     add_chain(problem.steps, X, g)
@@ -471,7 +497,18 @@ def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Fl
 def _search(
     problem: TrajectoryProblem, X: Floats, dX: Floats, slope: float, mu: float, here: float
 ) -> tuple[float, float]:
-    """Line search: return the step share and the cost after it; 0 if no share decreases the barrier cost."""
+    """Search along a step: return the share of it that lowers the barrier cost enough, and the cost there.
+
+    Without such a share it is 0.
+
+    Args:
+        problem: what is minimised.
+        X: (T, 4) states.
+        dX: (T, 4) the step.
+        slope: derivative of the barrier cost along it, < 0.
+        mu: weight of the barrier.
+        here: cost at X.
+    """
     # Fraction to the boundary: stay inside the constraints
     share, barrier = 1.0, 0.0
     if len(problem.planes.step):
@@ -490,7 +527,11 @@ def _search(
 
 
 def _follow(problem: TrajectoryProblem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
-    """Return the (M,) multipliers after a primal-dual step, before X is updated; see `KAPPA`."""
+    """Return the (M,) multipliers after a primal-dual step, of which `share` is taken; see `KAPPA`.
+
+    X (T, 4) are the states before the step, dX (T, 4) the whole step, `mu` the weight of the barrier, `multiplier` (M,)
+    those before.
+    """
     if not len(multiplier):
         return multiplier
     gap, change = slack(problem.planes, X), slack_change(problem.planes, dX)
@@ -501,7 +542,10 @@ def _follow(problem: TrajectoryProblem, X: Floats, dX: Floats, share: float, mu:
 
 
 def covariance(problem: TrajectoryProblem, X: Floats) -> Floats:
-    """Return (T, 4, 4) state covariances: diagonal blocks of the inverse Gauss-Newton Hessian, without constraints."""
+    """Return (T, 4, 4) state covariances at X (T, 4): diagonal blocks of the inverse Gauss-Newton Hessian.
+
+    Constraints do not count.
+    """
     R, N, out = (np.empty((len(X), 4, 4)) for _ in range(3))
     factor_rows(problem.steps, derivatives(problem, X, 0.0)[1], R, N)
     inverse_blocks(R, N, out)

@@ -41,13 +41,13 @@ class Invariant(NamedTuple):
 
 
 def invariant(problem: TrajectoryProblem, start: Solution, options: Options, extent: float) -> Invariant:
-    """Return the invariant estimate reached from the mode.
+    """Return the estimate that does not depend on the coordinates, reached from the mode.
 
     Args:
         problem: with all lines of sight in front of their cameras.
         start: its minimum.
         options: of each search.
-        extent: size of the position.
+        extent: size of the scene.
     """
     spread = covariance(problem, start.X)
     # Away from the boundary, where the mode often is.
@@ -72,6 +72,9 @@ def invariant(problem: TrajectoryProblem, start: Solution, options: Options, ext
 
 
 def second_moment(X: Floats, centre: Floats, spread: Floats) -> Floats:
-    """Return (T, 4, 4) second moments of states about a point X other than their mean."""
+    """Return (T, 4, 4) second moments about states X (T, 4) of Gaussians with another mean.
+
+    Their means are `centre` (T, 4), their covariances `spread` (T, 4, 4).
+    """
     away = X - centre
     return np.asarray(spread + away[:, :, None] * away[:, None, :])

@@ -155,7 +155,7 @@ def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> 
 
 
 def modes_of_path(chain: ModeChain, pairs: PairCosts, pair: int) -> Ints:
-    """Return the (W,) modes of the cheapest path through a pair."""
+    """Return (W,) indices of the modes of the cheapest path through the pair with index `pair`."""
     path, one = [pair], pair
     while (one := int(pairs.back[one])) >= 0:
         path.append(one)

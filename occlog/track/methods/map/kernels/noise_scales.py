@@ -54,7 +54,10 @@ class ResidualEvidence(NamedTuple):
 
 @kernel
 def weights(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """Return (N,) weights of bearings in iteratively reweighted least squares."""
+    """Return (N,) weights, 0 to 1, of lines of sight in iteratively reweighted least squares at states X (T, 4).
+
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter.
+    """
     r = residuals(lines, X)
     out = np.empty(r.shape[0])
     for n in range(out.shape[0]):
@@ -84,7 +87,7 @@ def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualE
 
 
 def rescaled(problem: TrajectoryProblem, lines2: float, steps2: float) -> TrajectoryProblem:
-    """Return the problem with variances of bearings and motion steps multiplied by factors."""
+    """Return the problem with variances of lines of sight multiplied by `lines2`, those of motion steps by `steps2`."""
     steps: ChainSteps = problem.steps._replace(
         sigma=problem.steps.sigma * steps2, whiten=problem.steps.whiten / np.sqrt(steps2)
     )
@@ -115,7 +118,7 @@ def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
 
 
 def between(part: Floats, whole: Floats) -> Floats:
-    """Return (T, 4, 4) `part` of a covariance clipped to between 0 and `whole`, against rounding errors."""
+    """Return a covariance `part` (T, 4, 4), clipped to between 0 and `whole` (T, 4, 4) against rounding errors."""
     size, axes = np.linalg.eigh(whole)
     root = axes * np.sqrt(np.maximum(size, np.finfo(np.float64).tiny))[:, None, :]
     back = np.linalg.pinv(root, rcond=0.0)

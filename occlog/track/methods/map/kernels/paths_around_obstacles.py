@@ -38,7 +38,7 @@ class Obstacle(NamedTuple):
 
 
 class Hold(NamedTuple):
-    """States first .. last that are constrained outside an obstacle."""
+    """States first .. last (inclusive) that are constrained outside an obstacle (index)."""
 
     obstacle: int
     first: int
@@ -46,7 +46,14 @@ class Hold(NamedTuple):
 
 
 def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touch: float) -> Iterator[Hold]:
-    """Generate the segments of states inside an obstacle, or at the ends of a step through a wall."""
+    """Generate the segments of states inside an obstacle, or at the ends of a step through a wall.
+
+    Args:
+        X: (T, 4) states.
+        obstacles: K of them.
+        left_alone: (K, T) states that may be inside each.
+        touch: depth up to which states do not count as inside.
+    """
     xy = np.ascontiguousarray(X[:, ::2])
     for k, o in enumerate(obstacles):
         inside = overlaps(xy, o, touch) & ~left_alone[k]
@@ -61,7 +68,11 @@ def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, tou
 
 
 def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
-    """Return (T,) booleans: states inside an obstacle; for a wall, also both ends of each step that crosses it."""
+    """Return (T,) booleans: position `xy` (T, 2) is inside an obstacle by more than `touch`.
+
+    For a wall, so are both ends of each step that crosses it; in a view, only states at which it counts and that no
+    wall hides.
+    """
     out = np.zeros(len(xy), dtype=np.bool_)
     if o.seen_through is None:
         for piece in o.pieces:
@@ -86,7 +97,15 @@ def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
 def guesses(
     X: Floats, obstacles: tuple[Obstacle, ...], stretch: Hold, extent: float, clearance: float
 ) -> Iterator[Floats]:
-    """Generate initial trajectories that lead a segment around its obstacle on either side."""
+    """Generate initial trajectories (T, 4) that lead a segment around its obstacle on either side.
+
+    Args:
+        X: (T, 4) states.
+        obstacles: all.
+        stretch: the segment.
+        extent: size of the scene.
+        clearance: distance that is kept from walls.
+    """
     o, T = obstacles[stretch.obstacle], len(X)
     wall = o.seen_through is None
     away = (clearance if wall else 0.0) + 1e-3 * extent
@@ -120,13 +139,16 @@ def guesses(
 
 
 def _within(xy: Floats, o: Obstacle) -> Bools:
-    """Return (T,) booleans: which positions are inside the obstacle."""
+    """Return (T,) booleans: position `xy` (T, 2) is inside the obstacle's polygon."""
     points = np.ascontiguousarray(xy)
     return np.asarray(np.any([separate(points, points, piece).gap < 0.0 for piece in o.pieces], axis=0))
 
 
 def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[Floats]:
-    """Generate trajectories with states a + 1 .. b - 1 moved next to one of the edges, for segments at start or end."""
+    """Generate trajectories with some states moved next to one of the obstacle's edges, by `away`, edge by edge.
+
+    These are states a + 1 .. b - 1 of X (T, 4), of a segment that begins or ends the trajectory.
+    """
     K = len(o.corners)
     for k in range(K):
         edge = o.corners[(k + 1) % K] - o.corners[k]
@@ -138,7 +160,10 @@ def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[F
 
 
 def hidden_from_view(xy: Floats, o: Obstacle, rows: Ints) -> Bools:
-    """Return which states are hidden by a wall from the camera of a field-of-view obstacle."""
+    """Return, for each of the states `rows`, whether a wall hides it from the camera of a view obstacle.
+
+    `xy` (T, 2) are all positions.
+    """
     eye = np.broadcast_to(o.eye, (len(rows), 2))
     out = np.zeros(len(rows), dtype=np.bool_)
     for wall in o.seen_through or ():
@@ -164,7 +189,7 @@ MU = 1e-2
 
 
 class PathsAroundObstacles(NamedTuple):
-    """Minimum of the cost outside the obstacles."""
+    """Minimum of the cost outside the obstacles, with the states that were led around them."""
 
     problem: TrajectoryProblem  # with the half-planes of the detours
     solution: Solution
@@ -189,7 +214,7 @@ def find_paths_around(
         solved: the problem with the half-planes of the holds, and its minimum.
         obstacles: what the trajectory must not run through.
         options: of each search.
-        extent: size of the position.
+        extent: size of the scene.
         clearance: distance that is kept from walls.
         holds: segments that are led around something already.
         left_alone: (K, T) states that need not be outside each obstacle; None: none.
@@ -243,6 +268,14 @@ def _local_way(
     """Return the trajectory with one segment led around its obstacle the cheapest way, and the iterations used.
 
     Only nearby states move; None if no detour is found or none is worth its cost.
+
+    Args:
+        problem: with all other constraints.
+        X: (T, 4) states.
+        obstacles: all.
+        stretch: the segment.
+        held: segments that are led around something already.
+        space: options of each search, size of the scene, and distance that is kept from walls.
     """
     options, extent, clearance = space
     reach = max(NEIGHBOURHOOD, 2 * (stretch.last - stretch.first))
@@ -276,7 +309,8 @@ def _local_way(
 
 
 def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent: float) -> TrajectoryProblem:
-    """Return the problem of states first .. last - 1 with their neighbours fixed at X."""
+    """Return the problem of states first .. last - 1, with their neighbours fixed at X (T, 4) up to a share of `extent`.
+    """
     steps = problem.steps
     before = StatePrior(steps.mean, steps.spread)
     if first > 0:
@@ -312,7 +346,10 @@ def _padded(stretch: Hold, T: int) -> Hold:
 def separating_planes(
     X: Floats, obstacles: tuple[Obstacle, ...], holds: Iterable[Hold], clearance: float
 ) -> tuple[HalfPlanes, float]:
-    """Return half-planes that keep constrained states outside their obstacles, and the narrowest current gap."""
+    """Return half-planes that keep the states of `holds` outside their obstacles, and the narrowest gap at X (T, 4).
+
+    The gap is negative inside; `clearance` is kept from walls.
+    """
     xy = np.ascontiguousarray(X[:, ::2])
     parts, narrowest = [NO_PLANES], math.inf
     for hold in holds:
@@ -325,7 +362,10 @@ def separating_planes(
 
 
 def _piece_planes(xy: Floats, o: Obstacle, piece: Floats, hold: Hold, clearance: float) -> tuple[HalfPlanes, float]:
-    """Return half-planes between constrained states and one convex piece of an obstacle."""
+    """Return half-planes between the states of `hold` and a convex piece (K, 2) of an obstacle, and the narrowest gap.
+
+    `xy` (T, 2) are all positions; `clearance` is kept from walls.
+    """
     rows: Ints = np.arange(hold.first, hold.last + 1)
     if o.seen_through is None:
         start, end = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
@@ -356,10 +396,10 @@ def settle(
     Args:
         problem: with all other constraints.
         guess: (T, 4) states outside the obstacles where they are held.
-        obstacles: as in `find_paths_around`, as the others.
+        obstacles: what the trajectory must not run through.
         holds: which states are kept out of which obstacle.
         options: of each search.
-        extent: size of the position.
+        extent: size of the scene.
         clearance: distance that is kept from walls.
     """
     X, found, iterations = guess, None, 0

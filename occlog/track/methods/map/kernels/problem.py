@@ -91,7 +91,7 @@ class TrajectoryProblem(NamedTuple):
 
     @property
     def T(self) -> int:  # noqa: N802
-        """Return the number of states."""
+        """Return the number of states of the trajectory."""
         return len(self.steps.kind) + 1
 
 
@@ -133,17 +133,17 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Chain
 
 
 def some_lines(lines: BearingLinesByStep, rows: slice | Bools | Ints) -> BearingLinesByStep:
-    """Select lines of sight by a mask or indices."""
+    """Return the lines of sight selected by a slice, mask (N,) or indices."""
     return BearingLinesByStep._make(column[rows] for column in lines)
 
 
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
-    """Select half-planes by a mask or indices."""
+    """Return the half-planes selected by a slice or mask (M,)."""
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
 
 
 def some_hints(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
-    """Select quadratic terms by a mask or indices."""
+    """Return the quadratic terms selected by a slice or mask (K,)."""
     return QuadraticPriors._make(column[rows] for column in hints)
 
 
@@ -164,7 +164,7 @@ def join_planes(*parts: HalfPlanes) -> HalfPlanes:
 
 @kernel
 def slack(planes: HalfPlanes, X: Floats) -> Floats:
-    """Return the (M,) slacks of the constraints at X; negative where violated."""
+    """Return the (M,) slacks of the constraints at states X (T, 4); negative where violated."""
     out = np.empty(planes.step.shape[0])
     for m in range(out.shape[0]):
         t = planes.step[m]
@@ -174,7 +174,7 @@ def slack(planes: HalfPlanes, X: Floats) -> Floats:
 
 @kernel
 def slack_change(planes: HalfPlanes, dX: Floats) -> Floats:
-    """Return the (M,) changes of the slacks for a change dX of the states."""
+    """Return the (M,) changes of the slacks for a change dX (T, 4) of the states."""
     out = np.empty(planes.step.shape[0])
     for m in range(out.shape[0]):
         t = planes.step[m]
@@ -184,7 +184,10 @@ def slack_change(planes: HalfPlanes, dX: Floats) -> Floats:
 
 @kernel
 def within(change: Floats, size: Floats, share: float) -> float:
-    """Return the largest step share <= 1 at which positive sizes decrease by no more than `share` of themselves."""
+    """Return the largest share, at most 1, of a step at which no size decreases by more than `share` of itself.
+
+    `size` (M,) are positive, `change` (M,) their changes over the whole step.
+    """
     most = 1.0
     for m in range(size.shape[0]):
         if change[m] * most < -share * size[m]:
@@ -211,12 +214,12 @@ def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: floa
 
 
 def linear_problem(problem: TrajectoryProblem, distance: Floats) -> TrajectoryProblem:
-    """Return the problem with residuals replaced by pseudo-linear ones.
+    """Return the problem with residuals replaced by pseudo-linear ones, of square loss.
 
     r = (f h - z d) / (sigma D), with a distance D fixed in advance, is linear in the state.
 
     Args:
-        problem: with any losses; those of the result are squares.
+        problem: with any loss.
         distance: (N,) D of every line of sight, > 0.
     """
     lines = problem.lines

@@ -91,7 +91,10 @@ def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) 
 
 @kernel
 def off_line(rays: BearingHalfLines, n: int, x: float, y: float, extra: float, k2: float) -> float:
-    """Return the cost of a line of sight at a position, at most k2."""
+    """Return the cost of line of sight `n` at position (x, y), at most `k2`.
+
+    `extra` is the variance of the position across the line.
+    """
     distance2, vague = off_line2(rays, n, x, y, extra)
     return min(distance2 + vague, k2)
 
@@ -124,7 +127,14 @@ def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[flo
 
 @kernel
 def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, int]:
-    """Return the range of lines of sight of a state, extended to nearby states if it has few."""
+    """Return the range (begin, end) of lines of sight of state `t`, extended to nearby states if it has few.
+
+    Args:
+        first: (T + 1,) the first line of sight of each state.
+        seconds: (T,) times of the states.
+        t: the state.
+        longest: states farther away in time are not used [s].
+    """
     T = seconds.shape[0]
     a, b = t, t
     while first[b + 1] - first[a] < MIN_CROSSINGS:
@@ -188,7 +198,7 @@ def candidates(
 
 @kernel
 def empty_beam() -> HypothesisBeam:
-    """Return an empty set of hypotheses."""
+    """Return a beam without hypotheses: all costs are inf."""
     return HypothesisBeam(
         np.zeros((BEAM_WIDTH, 4)),
         np.zeros((BEAM_WIDTH, 4, 4)),
@@ -207,7 +217,7 @@ def _put(to: HypothesisBeam, m: int, source: HypothesisBeam, s: int) -> None:
 
 @kernel
 def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
-    """Predict all hypotheses by one step of the chain, in place."""
+    """Predict all hypotheses by one step of the chain, in place: transition A (4, 4), noise `sigma` (4, 4)."""
     for m in range(BEAM_WIDTH):
         if beam.cost[m] < math.inf:
             beam.x[m] = A @ beam.x[m]
@@ -216,9 +226,9 @@ def _predict(beam: HypothesisBeam, A: Floats, sigma: Floats) -> None:
 
 @kernel
 def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
-    """Return the cost of accepting a line of sight, the distance from it (positive: left), and the variance of that.
+    """Return the cost of accepting line of sight `n`, the distance from it (positive: left), and the variance of that.
 
-    The cost is inf behind the sensor or out of range.
+    The state has mean x (4,) and covariance P (4, 4). The cost is inf behind the sensor or out of range.
     """
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     dx, dy = x[0] - rays.position[n, 0], x[2] - rays.position[n, 1]
@@ -234,7 +244,10 @@ def inlier_cost(rays: BearingHalfLines, n: int, x: Floats, P: Floats) -> tuple[f
 
 @kernel
 def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across: float, S: float) -> None:
-    """Update a hypothesis by a line of sight that it accepts (Kalman update), in place."""
+    """Update hypothesis `m` by line of sight `n`, which it accepts (Kalman update), in place.
+
+    `across` is the distance of its position from the line, `S` the variance of that.
+    """
     c, s = rays.direction[n, 0], rays.direction[n, 1]
     gain = np.empty(4)
     for i in range(4):
@@ -247,7 +260,16 @@ def _update(beam: HypothesisBeam, m: int, rays: BearingHalfLines, n: int, across
 
 @kernel
 def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: float, spare: HypothesisBeam) -> None:
-    """Split all hypotheses on whether a line of sight is true, and keep the most probable."""
+    """Split all hypotheses on whether a line of sight is true, and keep the most probable, in place.
+
+    Args:
+        beam: changed in place.
+        rays: the lines of sight.
+        n: which.
+        bit: its number within the state.
+        k2: cost of a false line of sight.
+        spare: space for hypotheses; overwritten.
+    """
     mask = np.int64(1) << bit
     costs, across, S = np.full(2 * BEAM_WIDTH, math.inf), np.zeros(BEAM_WIDTH), np.ones(BEAM_WIDTH)
     for m in range(BEAM_WIDTH):
@@ -276,9 +298,11 @@ def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: f
 def _begin(
     beam: HypothesisBeam, x: float, y: float, spread: Floats, speed: float, cost: float, bits: int, parent: int
 ) -> None:
-    """Start a hypothesis in place of the worst; spread: variances xx, xy, yy.
+    """Start a hypothesis at (x, y) in place of the worst of the beam.
 
-    Its initial cost is higher than most, since most kept hypotheses share their accepted bearings.
+    `spread` are variances xx, xy, yy, `speed` is the velocity's standard deviation per axis, `bits` are accepted lines
+    of sight, `parent` is the hypothesis before. Its initial cost is higher than most, since most kept hypotheses share
+    their accepted bearings.
     """
     m = int(np.argmax(beam.cost))
     beam.x[m], beam.P[m] = 0.0, 0.0
@@ -310,7 +334,7 @@ def _births(
         t: the state.
         price: cost of beginning here.
         parent: hypothesis before; -1: none.
-        ground: (3,) typical speed, standard deviation at which a crossing is uninformative, and extent of the position.
+        ground: (3,) typical speed, standard deviation at which a crossing is uninformative, and extent of the scene.
         k2: cost of a false line of sight.
     """
     found, spread = np.empty((MAX_CROSSINGS, 7)), np.empty(3)
@@ -342,7 +366,7 @@ def _births(
 
 @kernel
 def _merge(beam: HypothesisBeam) -> None:
-    """Merge nearly equal hypotheses, keeping the better one."""
+    """Merge nearly equal hypotheses in place: the worse one gets cost inf."""
     for m in range(BEAM_WIDTH):
         for n in range(m):
             if beam.cost[m] == math.inf or beam.cost[n] == math.inf:
@@ -368,7 +392,7 @@ def agreed_path(
         first: (T + 1,) the first line of sight of each state, N at the end.
         seconds: (T,) times of the states.
         steps: the chain.
-        ground: (3,) typical speed, standard deviation beyond which a crossing is unused, and extent of the position.
+        ground: (3,) typical speed, standard deviation beyond which a crossing is unused, and extent of the scene.
         k: standard deviations beyond which a line of sight counts as false.
     """
     T, k2 = seconds.shape[0], k * k

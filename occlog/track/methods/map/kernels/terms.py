@@ -17,7 +17,10 @@ TINY = 1e-150
 
 @kernel
 def log_odds_offset(k: float, lean: float) -> float:
-    """Return the mixture's k for log odds k^2 / 2 + lean; negative where the sum is negative."""
+    """Return the mixture loss's k for which the log odds of a true line of sight are k^2 / 2 + `lean`.
+
+    It is negative where that sum is negative.
+    """
     if lean == 0.0:
         return k
     k2 = k * k + 2.0 * lean
@@ -26,7 +29,11 @@ def log_odds_offset(k: float, lean: float) -> float:
 
 @kernel
 def loss_value(r: float, loss: int, k: float) -> float:
-    """Return the loss of a residual as a negative log likelihood; k < 0 is the mixture's k of `log_odds_offset`."""
+    """Return the loss of a residual r, as a negative log likelihood up to a constant.
+
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter [standard deviations]; k < 0 is the mixture's of
+    `log_odds_offset`.
+    """
     if loss == HUBER and abs(r) > k:
         return k * (abs(r) - 0.5 * k)
     if loss == CAUCHY:
@@ -41,14 +48,17 @@ def loss_value(r: float, loss: int, k: float) -> float:
 
 @kernel
 def inlier_probability(r: float, k: float) -> float:
-    """Return the probability that a bearing with residual r is true, 1/2 at r = k."""
+    """Return the probability that a bearing with residual r is true, by the mixture loss: 1/2 at r = k."""
     a = 0.5 * (k * abs(k) - r * r)
     return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
 
 
 @kernel
 def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
-    """Return first and second derivative of the loss, and the IRLS weight first / r."""
+    """Return first and second derivative of the loss at residual r, and the IRLS weight, first derivative over r.
+
+    `loss` is SQUARE, HUBER, CAUCHY or MIXTURE, `k` its parameter.
+    """
     if loss == HUBER and abs(r) > k:
         return math.copysign(k, r), 0.0, k / abs(r)
     if loss == CAUCHY:
@@ -62,7 +72,10 @@ def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
 
 @kernel
 def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, float]:
-    """Return the state's offset h to the left of the optical axis and distance d along it, for line of sight n."""
+    """Return, for line of sight `n`, its state's offset h to the left of the optical axis, and the distance d along it.
+
+    X are states (T, 4).
+    """
     t = lines.step[n]
     dx, dy = X[t, 0] - lines.position[n, 0], X[t, 2] - lines.position[n, 1]
     c, s = lines.axis[n, 0], lines.axis[n, 1]
@@ -71,7 +84,10 @@ def in_camera(lines: BearingLinesByStep, n: int, X: Floats) -> tuple[float, floa
 
 @kernel
 def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
-    """Return the residual of a line of sight in standard deviations."""
+    """Return the residual of line of sight `n`, in standard deviations, for a state at offset `h` and distance `d`.
+
+    These are as from `in_camera`: to the left of the axis, and along it.
+    """
     if lines.direction[n]:
         return math.atan2(h, d) / math.sqrt(lines.c0[n])
     missed: float = lines.focal[n] * h - lines.reading[n] * d
@@ -80,7 +96,7 @@ def residual(lines: BearingLinesByStep, n: int, h: float, d: float) -> float:
 
 @kernel
 def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
-    """Return (N,) residuals of all lines of sight in standard deviations."""
+    """Return (N,) residuals of all lines of sight at states X (T, 4), in standard deviations."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -90,7 +106,7 @@ def residuals(lines: BearingLinesByStep, X: Floats) -> Floats:
 
 @kernel
 def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
-    """Return (N,) losses of all lines of sight."""
+    """Return (N,) losses of all lines of sight at states X (T, 4); `loss` and `k` as in `loss_value`."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -100,7 +116,10 @@ def losses(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> Floats:
 
 @kernel
 def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floats:
-    """Return (N,) probabilities that lines of sight are true, 1/2 at residual k; 0 behind the camera."""
+    """Return (N,) probabilities that lines of sight are true at states X (T, 4), 1/2 at residual k.
+
+    0 behind the camera.
+    """
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -114,7 +133,7 @@ def inlier_probabilities(lines: BearingLinesByStep, X: Floats, k: float) -> Floa
 
 @kernel
 def depths(lines: BearingLinesByStep, X: Floats) -> Floats:
-    """Return (N,) distances of states along the optical axis of the camera that saw them."""
+    """Return (N,) distances of states X (T, 4) along the optical axis of the camera of each line of sight."""
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         out[n] = in_camera(lines, n, X)[1]
@@ -123,7 +142,10 @@ def depths(lines: BearingLinesByStep, X: Floats) -> Floats:
 
 @kernel
 def lines_cost(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> float:
-    """Return the cost of the bearings."""
+    """Return the cost of all lines of sight at states X (T, 4): losses, log variances and volume terms.
+
+    `loss` and `k` as in `loss_value`; inf behind a camera if volumes count.
+    """
     total = 0.0
     for n in range(lines.step.shape[0]):
         h, d = in_camera(lines, n, X)
@@ -137,7 +159,7 @@ def lines_cost(lines: BearingLinesByStep, X: Floats, loss: int, k: float) -> flo
 
 @kernel
 def chain_cost(steps: ChainSteps, X: Floats) -> float:
-    """Return the cost of the motion."""
+    """Return the cost of the first state's prior and of the motion steps, at states X (T, 4)."""
     total = 0.0
     for i in range(4):
         e = 0.0
@@ -159,7 +181,7 @@ def chain_cost(steps: ChainSteps, X: Floats) -> float:
 
 @kernel
 def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
-    """Add the gradient of `chain_cost` to `g` (T, 4) in place."""
+    """Add the gradient of `chain_cost` at states X (T, 4) to `g` (T, 4), in place."""
     e = np.empty(4)
     for i in range(4):
         e[i] = 0.0
@@ -187,7 +209,7 @@ def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
 
 @kernel
 def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
-    """Return the cost of the quadratic terms."""
+    """Return the sum of the quadratic terms at states X (T, 4)."""
     total = 0.0
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
@@ -199,7 +221,7 @@ def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
 
 @kernel
 def add_hints(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
-    """Add the quadratic terms' derivatives to `g` (T, 4) and, by position, to `H` (T, 3), in place."""
+    """Add derivatives of the quadratic terms at X (T, 4) to `g` (T, 4) and, by position, to `H` (T, 3), in place."""
     for m in range(hints.step.shape[0]):
         t = hints.step[m]
         dx, dy = X[t, 0] - hints.position[m, 0], X[t, 2] - hints.position[m, 1]
@@ -211,7 +233,7 @@ def add_hints(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
 
 @kernel
 def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
-    """Return the negative sum of log slacks; inf outside the constraints."""
+    """Return the negative sum of log slacks at states X (T, 4); inf outside the constraints."""
     total = 0.0
     for m in range(planes.step.shape[0]):
         t = planes.step[m]
@@ -273,7 +295,10 @@ def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: 
 
 @kernel
 def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: Floats, H: Floats) -> None:
-    """Add the barrier's primal-dual derivatives in place: g - mu/s n, H + multiplier/s n n'."""
+    """Add the barrier's primal-dual derivatives in place: g - mu/s n, H + multiplier/s n n', with slack s, normal n.
+
+    X are states (T, 4), `mu` is the weight of the barrier, `multiplier` (M,); `g` is (T, 4), `H` (T, 3): xx, xy, yy.
+    """
     for m in range(planes.step.shape[0]):
         t, n0, n1 = planes.step[m], planes.normal[m, 0], planes.normal[m, 1]
         s = n0 * X[t, 0] + n1 * X[t, 2] - planes.offset[m]
@@ -287,7 +312,7 @@ def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: 
 
 @kernel
 def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
-    """Return (N,) booleans: which states are in front of their camera."""
+    """Return (N,) booleans: the state of the line of sight, in X (T, 4), is in front of its camera."""
     out = np.empty(lines.step.shape[0], dtype=np.bool_)
     for n in range(out.shape[0]):
         out[n] = in_camera(lines, n, X)[1] > 0.0
@@ -298,7 +323,8 @@ def in_front(lines: BearingLinesByStep, X: Floats) -> Bools:
 def leverages(lines: BearingLinesByStep, X: Floats, loss: int, k: float, C: Floats) -> Floats:
     """Return (N,) leverages of the lines of sight, 0 to 1 up to linearisation: w J' C J.
 
-    w is the IRLS weight of the loss, J the gradient of the residual and C (T, 4, 4) the covariances of the states.
+    w is the IRLS weight of the loss (`loss` and `k` as in `loss_value`), J the gradient of the residual at X (T, 4) and
+    C (T, 4, 4) the covariances of the states.
     """
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):

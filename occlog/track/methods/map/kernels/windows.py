@@ -19,7 +19,7 @@ from .problem import ChainSteps, TrajectoryProblem, some_hints, some_lines, some
 
 
 class StatePrior(NamedTuple):
-    """Gaussian prior of one state."""
+    """Gaussian prior of one state [u u' v v']."""
 
     mean: Floats  # (4,)
     spread: Floats  # (4, 4) covariance, positive definite
@@ -47,13 +47,13 @@ def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) 
 
 
 def make_first(steps: ChainSteps, before: StatePrior) -> ChainSteps:
-    """Return the chain with another prior of its first state."""
+    """Return the chain with `before` as the prior of its first state."""
     whiten = np.linalg.solve(np.linalg.cholesky(before.spread), np.eye(4))
     return steps._replace(mean=before.mean, spread=before.spread, whiten_first=np.ascontiguousarray(whiten))
 
 
 def summary(problem: TrajectoryProblem, solution: Solution, state: int) -> StatePrior:
-    """Return the marginal Gaussian of a state given everything before it.
+    """Return the marginal Gaussian of a state given everything before it, with measurements linearised at the solution.
 
     Active constraints keep their force.
 

@@ -104,10 +104,9 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 
 
 def memory_ns(scene: Scene, config: MapConfig) -> int | None:
-    """Return the pause [ns] after which a target may be anywhere by the motion model (to a factor of 2).
+    """Return the pause [ns] after which a target may be anywhere by the motion model (to a factor of 2); None: none is.
 
-    None: there is no such pause. Over longer ones the variances exceed what 64 bits hold together with those of
-    bearings.
+    Over longer ones the variances exceed what 64 bits hold together with those of bearings.
     """
     model, extent = motion_of(config), _extent(scene)
     try:
@@ -156,12 +155,12 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
 
 
 def bend_of(config: MapConfig) -> float:
-    """Return the parameter of the loss."""
+    """Return the parameter of the loss, in standard deviations: that of the settings, or the usual one of the loss."""
     return BEND[config.loss] if config.loss_threshold is None else config.loss_threshold
 
 
 def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
-    """Return the feasible initial states and those with contradictory constraints.
+    """Return the feasible initial states (T, 4), and (T,) booleans: the state's constraints contradict each other.
 
     States that a camera saw start on its optical axis, the others in the room's centre ([Rahimi] Sec. 6); states found
     before start there.

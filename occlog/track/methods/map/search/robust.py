@@ -69,7 +69,16 @@ Watch = Callable[[Iterate], None] | None
 
 
 def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, extent: float) -> Floats:
-    """Return the minimum of linearised problems, first with all targets at one distance, then at those found."""
+    """Return the states (T, 4) at the minimum of linearised problems: first with all targets at one distance.
+
+    The others have the distances that were found before.
+
+    Args:
+        problem: of T states.
+        X: (T, 4) states inside the constraints.
+        config: settings.
+        extent: size of the scene.
+    """
     distance = np.full(len(problem.lines.step), 0.3 * extent)
     for _ in range(N_LINEAR_PROBLEMS):
         X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.max_iterations)).X
@@ -94,7 +103,7 @@ def search_around(
         start: (T, 4) states inside the constraints.
         around: the obstacles.
         config: settings.
-        extent: size of the position.
+        extent: size of the scene.
         watch: called with each iterate of the whole.
         mu: weight of the barrier initially; small for a start that is near the minimum.
     """
@@ -137,7 +146,7 @@ def roughly(problem: TrajectoryProblem, start: Floats, config: MapConfig, extent
         problem: what is minimised, without obstacles.
         start: (T, 4) states inside the constraints.
         config: settings.
-        extent: size of the position.
+        extent: size of the scene.
     """
     options = Options(ROUGH * extent, config.max_iterations, MU)
 
@@ -186,7 +195,7 @@ class RivalMode(NamedTuple):
 
 
 class RobustSearchResult(NamedTuple):
-    """Result of a robust search."""
+    """Result of a search among false bearings: the mode, and which lines of sight it accepts."""
 
     problem: TrajectoryProblem  # without the half-planes of detours
     mode: PathsAroundObstacles
@@ -205,7 +214,11 @@ class RobustSearchResult(NamedTuple):
 def plain_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search from the paper's start, or from linearised problems, accepting all bearings."""
+    """Search from the paper's start, or from linearised problems, accepting all bearings.
+
+    Among moving occluders the search is repeated with their terms. `around` are obstacles, `watch` is called with each
+    iterate.
+    """
     config = pending.config
     problem = problem_of(pending, record)
     # Start inside the constraints ([Rahimi] Sec. 6)
@@ -236,7 +249,11 @@ def plain_search(
 def robust_search(
     pending: Pending, record: TargetRecord, around: tuple[Obstacle, ...], watch: Watch
 ) -> RobustSearchResult:
-    """Search with possible false bearings; repeat without bearings that are fitted by chance, if any."""
+    """Search with possible false bearings; repeat without bearings that are fitted by chance, if any.
+
+    Among moving occluders the search is repeated with their terms. `around` are obstacles, `watch` is called with each
+    iterate.
+    """
     found = _most_probable(pending, record, around, watch)
     # Among moving occluders: again with what they say there
     for _ in range(MAX_OCCLUDER_ROUNDS if record.occluders else 0):
@@ -260,7 +277,7 @@ def _most_probable(
     """Search from the consensus path, constrained by accepted bearings only.
 
     If some are rejected or residuals are too large, the search is repeated with estimated noise scales, which are kept
-    if more probable.
+    if more probable. `around` are obstacles, `watch` is called with each iterate.
     """
     config = pending.config
     whole = problem_of(pending, record)
@@ -308,7 +325,10 @@ def _overlap(record: TargetRecord) -> float:
 
 
 def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> ConsensusPath:
-    """Return a path from the paper's start by successively narrower losses, and the bearings consistent with it."""
+    """Return a path from the paper's start by successively narrower losses, and the bearings consistent with it.
+
+    `whole` is the problem, `trust` the residual [standard deviations] up to which a bearing is consistent.
+    """
     config, extent = pending.config, pending.extent
     X, stuck = start_of(pending, whole)
     problem = without(whole, stuck) if stuck.any() else whole
@@ -318,7 +338,7 @@ def _from_axes(pending: Pending, whole: TrajectoryProblem, trust: float) -> Cons
 
 
 def _plausible(found: RobustSearchResult, path: ConsensusPath) -> bool:
-    """Return whether nearly all bearings are accepted with residuals as stated."""
+    """Return whether nearly all bearings agree with the path, and residuals of the search are about as stated."""
     residual_evidence = evidence(
         found.mode.problem, found.mode.solution.X, covariance(found.mode.problem, found.mode.solution.X)
     )
@@ -416,18 +436,22 @@ def search_from(
 
 
 def has_converged(before: Floats, mode: PathsAroundObstacles) -> bool:
-    """Return whether no position moved by more than `POSITION_TOLERANCE_SIGMAS` standard deviations."""
+    """Return whether no position moved by more than `POSITION_TOLERANCE_SIGMAS` standard deviations.
+
+    `before` are the states (T, 4) before the search that gave `mode`.
+    """
     X = mode.solution.X
     sigma = np.sqrt(covariance(mode.problem, X)[:, (0, 2), (0, 2)].sum(axis=1))
     return bool((np.hypot(*(X - before)[:, ::2].T) <= POSITION_TOLERANCE_SIGMAS * sigma).all())
 
 
 def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float) -> Bools:
-    """(N,) lines of sight that are met by chance alone: the others make it less probable than that they are false.
+    """(N,) booleans: the line of sight is met by chance alone, as the others make it less probable than being false.
 
     Next to a camera a trajectory fits any measurement of it.  With h the leverage of a line of sight, the others
     predict it with 1/(1 - h) times its variance, so that believing it costs r^2/(1 - h) - log(1 - h), as in
-    `occlog.track.methods.map.kernels.ransac_path`.
+    `occlog.track.methods.map.kernels.ransac_path`. X (T, 4) are states, `spread` (T, 4, 4) their covariances, `trust`
+    the residual at which a bearing is as likely false as true.
     """
     rest = np.maximum(1.0 - leverages(lines, X, SQUARE, 1.0, spread), 1e-100)
     surprise = np.minimum(residuals(lines, X) ** 2, MAX_VARIANCE_FACTOR) / rest - np.log(rest)
@@ -435,14 +459,14 @@ def _overfits(lines: BearingLinesByStep, X: Floats, spread: Floats, trust: float
 
 
 def _frozen(lines: BearingLinesByStep, kept: Bools, X: Floats) -> BearingLinesByStep:
-    """Return the lines of sight, with variances of rejected ones fixed at their values at X."""
+    """Return the lines of sight, with variances of those not `kept` (N,) fixed at their values at X (T, 4)."""
     d2 = np.maximum(depths(lines, X) ** 2, 1e-300)
     loose = ~kept & (lines.c1 > 0.0)
     return lines._replace(c0=np.where(loose, lines.c0 + lines.c1 / d2, lines.c0), c1=np.where(loose, 0.0, lines.c1))
 
 
 def without(problem: TrajectoryProblem, states: Bools) -> TrajectoryProblem:
-    """Return the problem without half-planes and lines of sight of some states.
+    """Return the problem without half-planes and lines of sight of the states `states` (T,).
 
     A line of sight without its half-plane leads into its sensor, where the cost is discontinuous.
     """

@@ -26,7 +26,10 @@ class ConsensusPath(NamedTuple):
 
 
 def rays_of(lines: BearingLinesByStep, record: TargetRecord, at: SensorStations) -> BearingHalfLines:
-    """Return the lines of sight as half-lines with variances across them, by [Ercan] Eq. 2."""
+    """Return the lines of sight as half-lines with variances across them, by [Ercan] Eq. 2.
+
+    They are of the record's rows that saw the target.
+    """
     sensor = record.rows.sensor[record.rows.seen]
     left = np.column_stack([-lines.axis[:, 1], lines.axis[:, 0]])
     ratio = np.where(lines.direction, 0.0, lines.reading / lines.focal)
@@ -55,7 +58,7 @@ def ransac_path(
         record: the same T states.
         at: the sensors.
         config: settings.
-        extent: size of the position.
+        extent: size of the scene.
         bend: standard deviations beyond which a line of sight does not agree.
     """
     rays = rays_of(problem.lines, record, at)
