@@ -33,7 +33,7 @@ SETTLED_SIGMAS = 0.1
 
 
 class StationBiases(NamedTuple):
-    """Biases of S stations."""
+    """Biases of the ranges of S stations: estimates, covariance, and how the states depend on them."""
 
     station: Ints  # (S,) numbers, rising
     bias: Floats  # (S,) by how much ranges are too long
@@ -43,7 +43,7 @@ class StationBiases(NamedTuple):
     settled: bool = False  # the last two steps were small
 
     def corrected(self, rows: RangeMeasurements) -> RangeMeasurements:
-        """Return ranges with biases removed, and the last change as additional noise."""
+        """Return measurements without the biases of ranges, and with the last change of biases as additional noise."""
         own, ranges = self._of(rows)
         value, sigma = rows.value.copy(), rows.sigma.copy()
         value[ranges] -= self.bias[own]
@@ -96,28 +96,28 @@ class StationBiases(NamedTuple):
         return StationBiases(self.station, self.bias + step, P, step, moves, bool(small.all()))
 
     def spread(self, keep: int) -> Floats:
-        """Return the (keep, 4, 4) contribution of the biases to the covariances of the first states."""
+        """Return (keep, 4, 4) contributions of the biases to the covariances of the first `keep` states."""
         return np.asarray(np.einsum("tis,sk,tjk->tij", self.moves[:keep], self.covariance, self.moves[:keep]))
 
     def stated(self) -> tuple[StationBias, ...]:
-        """Return the biases with standard errors."""
+        """Return the biases of all stations with their standard errors."""
         error = np.sqrt(np.diag(self.covariance))
         columns = (self.station.tolist(), self.bias.tolist(), error.tolist())
         return tuple(StationBias(*one) for one in zip(*columns, strict=True))
 
     def _of(self, rows: RangeMeasurements) -> tuple[Ints, Bools]:
-        """Return the bias index of each range, and which measurements are ranges."""
+        """Return the index of its bias for each range, and (m,) booleans: the measurement is a range."""
         ranges = biased(rows)
         return np.searchsorted(self.station, rows.station[ranges]), ranges
 
 
 def biased(rows: RangeMeasurements) -> Bools:
-    """Return (m,) booleans: which measurements are ranges, which may be biased."""
+    """Return (m,) booleans: the measurement is a range, which a bias of its station may falsify."""
     return np.asarray(DELAYED[rows.kind] & (rows.kind != DIFFERENCE))
 
 
 def begin_biases(rows: RangeMeasurements, T: int) -> StationBiases | None:
-    """Return biases of 0 with their prior uncertainty; None without biases or ranges."""
+    """Return biases of 0 with their prior uncertainty, for T states; None if the prior is 0 or there are no ranges."""
     station = np.unique(rows.station[biased(rows)])
     S = len(station)
     if not rows.bias or not S:

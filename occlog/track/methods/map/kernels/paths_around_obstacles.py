@@ -309,7 +309,9 @@ def _local_way(
 
 
 def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent: float) -> TrajectoryProblem:
-    """Return the problem of states first .. last - 1, with their neighbours fixed at X (T, 4) up to a share of `extent`.
+    """Return the problem of states first .. last - 1, with their neighbours fixed at X (T, 4).
+
+    They are fixed to a small share of `extent`.
     """
     steps = problem.steps
     before = StatePrior(steps.mean, steps.spread)

@@ -64,7 +64,7 @@ class WindowMeasurements(NamedTuple):
 
 
 class WindowModes(NamedTuple):
-    """K modes of windows, sorted by window."""
+    """K modes (position and velocity) of the likelihood in windows, sorted by window."""
 
     window: Ints  # (K,)
     x: Floats  # (K, 4) state at the middle of the window
@@ -110,7 +110,10 @@ def mode_starts(
 
 
 def _along(problem: TrajectoryProblem, rows: WindowMeasurements, modes: WindowModes, path: Ints) -> ConsensusPath:
-    """Return the most probable path with one Gaussian mode per window in place of its measurements."""
+    """Return the most probable path with one Gaussian mode per window in place of its measurements.
+
+    `path` (W,) are the indices of the windows' modes. Lines of sight that it is near enough to agree with it.
+    """
     xy, covariance = np.ascontiguousarray(modes.x[path, ::2]), modes.covariance[path]
     information = np.linalg.inv(covariance)
     bend = np.column_stack([information[:, 0, 0], information[:, 0, 1], information[:, 1, 1]])
@@ -129,7 +132,10 @@ def _along(problem: TrajectoryProblem, rows: WindowMeasurements, modes: WindowMo
 def _windows(
     problem: TrajectoryProblem, record: TargetRecord, pending: Pending, distances: RangeMeasurements
 ) -> WindowMeasurements:
-    """Return successive windows of at least `WINDOW_S`, longer where measurements are few."""
+    """Return the measurements in successive windows of at least `WINDOW_S`, longer where they are few.
+
+    `distances` are those of the record, in the coordinates of the search.
+    """
     rays = rays_of(problem.lines, record, pending.at)
     lines = np.column_stack([rays.position, rays.direction, rays.a, rays.b])
     seconds = (record.t_ns - record.t_ns[0]) / NS
@@ -157,7 +163,7 @@ def _windows(
 
 
 def _modes(rows: WindowMeasurements, pending: Pending) -> WindowModes:
-    """Return the modes of all windows: refined grid minima and mirror images of the best."""
+    """Return the distinct modes of all windows: refined minima of a grid, and mirror images of the best ones."""
     grid, cell = _grid(rows, pending)
     W = len(rows.state)
     speed = max(pending.config.sigma_initial_velocity, pending.config.process_noise_velocity)
@@ -181,7 +187,7 @@ class ClimbScale(NamedTuple):
 
 
 def _climbed(rows: WindowMeasurements, scale: ClimbScale, window: Ints, xy: Floats) -> WindowModes:
-    """Refine windows' modes from positions (K, 2) by reweighted Gauss-Newton.
+    """Refine the modes of windows `window` (K,) from positions `xy` (K, 2) by reweighted Gauss-Newton.
 
     Unknowns are the position at a window's middle and a constant velocity.
     """
@@ -209,7 +215,7 @@ def _climbed(rows: WindowMeasurements, scale: ClimbScale, window: Ints, xy: Floa
 
 
 def _mirrored(rows: WindowMeasurements, found: WindowModes) -> tuple[Ints, Floats]:
-    """Windows (K,) and positions (K, 2) of the mirror images of each window's best mode.
+    """Return windows (K,) and positions (K, 2) of the mirror images of each window's best mode.
 
     A line of sight meets the circle of a range at two positions, one on either side of the foot of the station on it;
     two circles do so on either side of the line through their stations.  A third station tells them apart, unless
@@ -239,7 +245,7 @@ def _mirrored(rows: WindowMeasurements, found: WindowModes) -> tuple[Ints, Float
 
 
 def _grid(rows: WindowMeasurements, pending: Pending) -> tuple[Floats, float]:
-    """Return (GRID^2, 2) grid positions over the room or around the sensors, and the larger grid spacing."""
+    """Return (GRID^2, 2) grid positions over the room, or around the sensors, and the larger grid spacing."""
     at = rows.distances
     places = np.concatenate([rows.lines[:, :2], at.position, at.other])
     low, high = places.min(axis=0), places.max(axis=0)
@@ -256,7 +262,18 @@ def _grid(rows: WindowMeasurements, pending: Pending) -> tuple[Floats, float]:
 def _grid_minima(
     rows: WindowMeasurements, grid: Floats, cell: float, speed: float, windows: slice
 ) -> tuple[Ints, Floats]:
-    """Return windows (K,) and grid positions (K, 2) that are local minima of the windows' costs."""
+    """Return windows (K,) and grid positions (K, 2) that are local minima of the windows' costs.
+
+    Args:
+        rows: measurements of all windows.
+        grid: (GRID^2, 2) positions.
+        cell: spacing of the grid.
+        speed: standard deviation of the velocity, per axis.
+        windows: range of the windows to search.
+
+    Returns:
+        At most 2 `MAX_MODES` for each window, of least cost.
+    """
     ticks = np.arange(windows.start, windows.stop + 1)
     cost = np.zeros((len(grid), windows.stop - windows.start))
     parts = [slice(*np.searchsorted(own, ticks[[0, -1]]).tolist()) for own in rows.window]
@@ -293,7 +310,7 @@ class ModePairs(NamedTuple):
 
 
 def _pairs_of(rows: WindowMeasurements, mode_window: Ints) -> ModePairs:
-    """Return all measurements of each mode's window (K,)."""
+    """Return each of K modes paired with all measurements of its window; `mode_window` (K,) are the windows."""
     nodes, chosen = [], []
     for own in rows.window:
         first = np.searchsorted(own, mode_window)
@@ -309,7 +326,10 @@ def _pairs_of(rows: WindowMeasurements, mode_window: Ints) -> ModePairs:
 
 
 def lines_at(lines: Floats, xy: Floats) -> tuple[Floats, Floats]:
-    """Return residuals (..., n) and gradients (..., n, 2) of lines of sight at positions (..., n or 1, 2)."""
+    """Return residuals (..., n), in standard deviations, and gradients (..., n, 2) of lines of sight.
+
+    `lines` (n, 6) are as in `WindowMeasurements`, `xy` (..., n or 1, 2) positions.
+    """
     away = xy - lines[:, :2]
     across = lines[:, 2] * away[..., 1] - lines[:, 3] * away[..., 0]
     along = lines[:, 2] * away[..., 0] + lines[:, 3] * away[..., 1]
@@ -320,7 +340,7 @@ def lines_at(lines: Floats, xy: Floats) -> tuple[Floats, Floats]:
 
 
 def _seen(pairs: ModePairs, x: Floats) -> tuple[Floats, Floats]:
-    """Return residuals (P,) and gradients (P, 4) of paired measurements at mode states (K, 4)."""
+    """Return normalised residuals (P,) and gradients (P, 4) of the paired measurements at mode states `x` (K, 4)."""
     own = x[pairs.node]
     xy = own[:, ::2] + pairs.seconds[:, None] * own[:, 1::2]
     L = len(pairs.lines)
@@ -366,7 +386,10 @@ def _distinct(modes: WindowModes) -> WindowModes:
 
 
 def _sums(node: Ints, weight: Floats, left: Floats, right: Floats, K: int) -> Floats:
-    """Return (K, a, b) sums over each mode's pairs of weight (P,) times columns of (P, a) and (P, b)."""
+    """Return (K, a, b) sums, over each mode's pairs, of weight times `left` times `right`.
+
+    `node` (P,) is the mode of each pair, `weight` (P,), `left` (P, a), `right` (P, b).
+    """
     out = np.empty((K, left.shape[1], right.shape[1]))
     for i in range(left.shape[1]):
         for j in range(right.shape[1]):
