@@ -89,7 +89,10 @@ def windows_of(
 
 
 def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -> Windows:
-    """Return reads grouped by window and tag, for complete windows."""
+    """Return reads grouped by window and tag, in the order of time.
+
+    `readers` are the names of the columns, `first` is the time at which the first window begins [ns].
+    """
     n = len(readers)
     if not len(rows):
         none = np.zeros(0, dtype=np.int64)
@@ -160,7 +163,7 @@ class ReadsInput:
         return tuple(r.name for r in self.readers)
 
     def windows(self) -> Iterator[Windows]:
-        """Generate the windows."""
+        """Generate the windows of the selected readers and tags, chunk by chunk."""
         return windows_of(self._chunks, self.names, self.window_ns)
 
     def _checked(self, chunks: Iterator[Reads]) -> Iterator[Reads]:
@@ -181,7 +184,10 @@ class ReadsInput:
                 yield chunk.take(kept)
 
     def _path_loss(self, path: Path) -> PathLossSpec:
-        """Return the path-loss file, checked for the scene's unit and for all readers."""
+        """Return the content of the path-loss file.
+
+        UsageError for another unit than the scene's, InputError for missing readers.
+        """
         spec = read_path_loss(path)
         if spec.length_unit != self.scene.length_unit:
             raise UsageError(
@@ -214,7 +220,7 @@ class ReadsInput:
         return config, virtual_sensors(positions[:, :2], ranges, self.scene.room), thresholds
 
     def _range(self, reader: TagReader, usual: float | None) -> float:
-        """Return the reading range of a reader; InputError if unknown."""
+        """Return the reading range of a reader: its own, else `usual`; InputError if both are unknown."""
         if np.isfinite(reader.range):
             return reader.range
         if usual is None:
@@ -276,7 +282,7 @@ class ReadsInput:
         return RefineBearings(Bearings.concat(bearings), cameras, config.max_frame_age_s, config.gate, config.tag_speed)
 
     def _camera(self, name: str) -> Camera:
-        """Return a camera with a pose; UsageError lists the available ones."""
+        """Return the camera of that name; UsageError if it has no pose in the scene."""
         known = tuple(c.name for c in self.scene.cameras if c.placed)
         if name not in known:
             raise UsageError(
@@ -286,7 +292,7 @@ class ReadsInput:
         return self.scene.camera(name)
 
     def parameters(self, config: VirtualConfig | RssiConfig) -> dict[str, object]:
-        """Return all parameters that influence the result."""
+        """Return all parameters that influence the result, for the provenance."""
         return {
             "method": self.request.method,
             "sensors": sorted(self.names),
@@ -298,7 +304,10 @@ class ReadsInput:
 
 
 def choose_readers(scene: Scene, request: ReadsRequest) -> tuple[TagReader, ...]:
-    """Return the selected readers; UsageError for an unknown name or an empty selection."""
+    """Return the selected readers of the scene.
+
+    UsageError for an unknown name or an empty selection, InputError for a scene without readers.
+    """
     known = tuple(r.name for r in scene.readers)
     if not known:
         raise InputError(f"{request.bearings}: its scene has no readers; give a scene that has", id="too-few-sensors")
@@ -324,7 +333,7 @@ FITTED = {
 
 
 def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
-    """Raise UsageError for a setting that is also in the path-loss file."""
+    """Raise UsageError if one of `names`, which the path-loss file states, is among the settings `given`, too."""
     if (twice := next((n for n in names if n in given), None)) is not None:
         raise UsageError(
             f"the file of path losses and the setting {twice} state the same quantity; give one of them",
@@ -333,7 +342,7 @@ def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
 
 
 def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss:
-    """Return the path-loss model of a file for these readers."""
+    """Return the path-loss model of a file for these readers, which it must all have."""
     power = {r.name: r.power for r in spec.readers}
     return PathLoss(
         positions=np.array([r.position for r in readers]),

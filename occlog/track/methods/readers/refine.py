@@ -38,7 +38,7 @@ class TagSightings(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """N positions, refined where possible."""
+    """N tag positions, refined by cameras where possible, and by which of C cameras."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
@@ -46,11 +46,11 @@ class Refined(NamedTuple):
 
 
 def refine(xy: Floats, covariance: Floats, sights: TagSightings, form: str) -> Refined:
-    """Refine coarse positions.
+    """Refine coarse positions by lines of sight; a position without enough of them stays.
 
     Args:
         xy: (N, 2) coarse positions.
-        covariance: (N, 2, 2) theirs.
+        covariance: (N, 2, 2) of these.
         sights: what cameras see.
         form: `rays`, `printed-1` or `parallel`.
     """
@@ -61,7 +61,10 @@ def refine(xy: Floats, covariance: Floats, sights: TagSightings, form: str) -> R
 
 
 def _by_rays(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools) -> Refined:
-    """Maximise the posterior of Gaussian bearings with the coarse position as prior, by Levenberg-Marquardt."""
+    """Refine coarse positions by the posterior of Gaussian bearings with them as prior, by Levenberg-Marquardt.
+
+    `xy` (N, 2) and `covariance` (N, 2, 2) are the coarse positions, `seen` (N, C): the camera sees the tag.
+    """
     prior = np.linalg.inv(covariance)
     weight = np.where(seen, 1.0 / np.where(seen, sights.sigma, 1.0) ** 2, 0.0)
     bearing = np.where(seen, sights.bearing, 0.0)
@@ -102,7 +105,8 @@ def _by_planes(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools
 
     With cameras at a right angle, one along each axis, (dx, dy) = (du_2, du_1) as printed; else the two displacements
     across the cameras' axes are solved for.  The covariance is propagated to first order from that of the coarse
-    position and of the bearings: an error across the planes is left, times the slope of the line of sight.
+    position and of the bearings: an error across the planes is left, times the slope of the line of sight. `deep`:
+    correct for the tag's depth (Eq. 5.40).
     """
     n = len(xy)
     first = np.argsort(~seen, axis=1, kind="stable")[:, :2]
@@ -156,7 +160,7 @@ class RefineBearings:
         self._age_ns, self._gate, self._pace = round(frame_age_s * NS), gate, pace
 
     def of(self, tracks: TagTracks) -> TagSightings:
-        """Select the line of sight of each camera for each row: the tag's label, else the best-fitting candidate."""
+        """Select the line of sight of each camera for each row: by the tag's label, else the best-fitting candidate."""
         n, c = len(tracks), len(self.cameras)
         bearing, sigma = np.full((n, c), np.nan), np.full((n, c), np.nan)
         for k, camera in enumerate(self.cameras):
@@ -168,7 +172,10 @@ class RefineBearings:
         return TagSightings(positions, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
 
     def _choose(self, k: int, camera: Camera, tracks: TagTracks, row: int) -> tuple[float, float] | None:
-        """Return a camera's bearing for a row with its standard deviation; None without one."""
+        """Return the bearing [rad] of camera `k` for row `row` of the tracks, and its standard deviation.
+
+        None without one. The standard deviation holds what the tag may have moved since the frame.
+        """
         own, t_ns = self._rows[k], int(tracks.t_ns[row])
         low, high = np.searchsorted(own.t_ns, [t_ns - self._age_ns, t_ns + self._age_ns + 1])
         if low == high:
@@ -198,7 +205,10 @@ class RefineBearings:
 
 
 def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> TagTracks:
-    """Refine the positions of tracks; velocities are updated by their correlation for form `rays`."""
+    """Return the tracks with positions refined by the lines of sight.
+
+    For form `rays`, velocities follow by correlation.
+    """
     if not len(tracks):
         return tracks
     before = np.column_stack([tracks.x, tracks.y])
@@ -219,7 +229,11 @@ def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> Ta
 
 
 def _velocities(tracks: TagTracks, before: Floats, covariance: Floats, found: Refined, form: str) -> dict[str, Floats]:
-    """Return velocities and covariances given the refined positions; NaN where these are no posterior."""
+    """Return the columns of velocities and their covariances given the refined positions, by name.
+
+    They are NaN for refined rows if `form` is not `rays`. `before` (n, 2) and `covariance` (n, 2, 2) are the positions
+    before.
+    """
     names = ("vx_vx", "vx_vy", "vy_vy", "x_vx", "x_vy", "y_vx", "y_vy")
     if form != "rays":
         changed = found.used.any(axis=1)
@@ -242,5 +256,5 @@ _XV = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
 def _matrices(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    """Return (n, 2, 2) matrices from four columns, row by row."""
+    """Return (n, 2, 2) matrices ((a, b), (c, d)) from four columns (n,)."""
     return np.stack([np.stack([a, b], axis=1), np.stack([c, d], axis=1)], axis=1)

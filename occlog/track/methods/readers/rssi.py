@@ -49,13 +49,13 @@ class PathLoss(NamedTuple):
     metre: float  # in units of length
 
     def expected(self, xy: Floats) -> Floats:
-        """(N, R) strength without shadowing and noise [dBm] of tags at (N, 2)."""
+        """(N, R) strengths [dBm], without shadowing and noise, of tags at positions `xy` (N, 2)."""
         across = ((xy[:, None, :] - self.positions[None, :, :2]) ** 2).sum(axis=2)
         distance = np.sqrt(across + (self.positions[:, 2] - self.height) ** 2) / self.metre
         return received_power(self.power, self.exponent, distance)
 
     def strength_at(self, distance: float) -> Floats:
-        """(R,) strength [dBm] expected at a distance."""
+        """(R,) strengths [dBm] that are expected at a distance [length]."""
         return received_power(self.power, self.exponent, distance / self.metre)
 
 
@@ -70,13 +70,13 @@ class ShadowingState(NamedTuple):
 
 
 def no_shadowing(model: PathLoss, hypotheses: int) -> ShadowingState:
-    """Initial state of the shadowing filter: mean 0 and the stationary variance for each reader."""
+    """Return the shadowing before any read, for N hypotheses: mean 0 and the stationary variance for each reader."""
     readers = len(model.power)
     return ShadowingState(np.zeros((hypotheses, readers)), np.full(readers, model.shadow_db**2))
 
 
 def predict_shadowing(model: PathLoss, known: ShadowingState, dt_s: float) -> ShadowingState:
-    """Predict over `dt_s` seconds: the mean decays, the variance goes to the stationary one."""
+    """Return the shadowing `dt_s` seconds later: the mean decays, the variance goes to the stationary one."""
     decay = np.exp(-dt_s / model.shadow_s)
     variance = decay**2 * known.variance + model.shadow_db**2 * (1.0 - decay**2)
     return ShadowingState(decay * known.mean, variance)
@@ -85,7 +85,7 @@ def predict_shadowing(model: PathLoss, known: ShadowingState, dt_s: float) -> Sh
 def update_shadowing(
     model: PathLoss, known: ShadowingState, expected: Floats, rssi: Floats, count: Ints
 ) -> tuple[ShadowingState, Floats]:
-    """Kalman update with mean strengths of a window.
+    """Kalman update of the shadowing with mean strengths of a window.
 
     Args:
         model: of the readers.
@@ -95,7 +95,7 @@ def update_shadowing(
         count: (R,) reads that each is the mean of.
 
     Returns:
-        What is known afterwards, and the (N,) log-likelihood of the strengths.
+        The shadowing afterwards, and the (N,) log-likelihood of the strengths.
     """
     finite: Bools = np.isfinite(rssi)
     # Innovation, its variance, gain
@@ -118,7 +118,10 @@ TEMPERING_STEPS, MIN_LOG_WEIGHT = 30, -700.0
 
 
 class TagFilterModel(NamedTuple):
-    """Constants of the tag filter."""
+    """Model and settings of the filter of tags, as constants.
+
+    `detection` and `stray` are the probabilities of a read in the range of a reader and out of it.
+    """
 
     model: PathLoss
     ranges: Floats  # (R,) infinite: not known, so that a missing read is uninformative
@@ -131,7 +134,7 @@ class TagFilterModel(NamedTuple):
 
 
 class TagParticles(NamedTuple):
-    """Weighted particles of one tag."""
+    """N weighted particles of one tag at the time of a window, with the shadowing for each."""
 
     t_ns: int
     xy: Floats  # (N, 2)
@@ -141,7 +144,7 @@ class TagParticles(NamedTuple):
 
 
 class ReadUpdate(NamedTuple):
-    """Particles after a window's update."""
+    """Particles after the update by a window, and how well they explain it."""
 
     cloud: TagParticles
     log_likelihood: float  # of the window; -inf: no particle explains it
@@ -160,7 +163,7 @@ class TagEstimate(NamedTuple):
 
 
 def begin(rules: TagFilterModel, t_ns: int, rng: Generator) -> TagParticles:
-    """Draw particles uniformly over the room."""
+    """Return particles of one tag before its first window: uniform over the room, of equal weight, at `t_ns`."""
     n = rules.particles
     velocity = rules.speed * rng.standard_normal((n, 2))
     return TagParticles(t_ns, _places(rules.room, n, rng), velocity, np.full(n, 1.0 / n), no_shadowing(rules.model, n))
@@ -169,7 +172,7 @@ def begin(rules: TagFilterModel, t_ns: int, rng: Generator) -> TagParticles:
 def step(
     rules: TagFilterModel, cloud: TagParticles, t_ns: int, count: Ints, rssi: Floats, rng: Generator
 ) -> tuple[TagParticles, TagEstimate]:
-    """Update the particles by the reads of a window.
+    """Return the resampled particles after the reads of a window, and the estimate.
 
     Args:
         rules: model and settings.
@@ -294,7 +297,7 @@ def smoothed_states(rules: TagFilterModel, traces: Sequence[PosteriorRecord]) ->
 
 
 def _predict(rules: TagFilterModel, cloud: TagParticles, t_ns: int, dt_s: float, rng: Generator) -> TagParticles:
-    """Move the particles to the time of the next window."""
+    """Return the particles moved by `dt_s` seconds to the time `t_ns`, with their shadowing."""
     decay = math.exp(-dt_s / rules.turn_s)
     noise = rng.standard_normal(cloud.velocity.shape)
     velocity = decay * cloud.velocity + rules.speed * math.sqrt(1.0 - decay**2) * noise
@@ -303,7 +306,10 @@ def _predict(rules: TagFilterModel, cloud: TagParticles, t_ns: int, dt_s: float,
 
 
 def _weigh(rules: TagFilterModel, cloud: TagParticles, count: Ints, rssi: Floats) -> tuple[ShadowingState, Floats]:
-    """Update each particle's shadowing; return it with the log weights."""
+    """Return each particle's shadowing updated by a window, and the log weights (N,), -inf outside the room.
+
+    `count` (R,) are the reads of each reader, `rssi` (R,) their mean strengths [dBm]; NaN: not known.
+    """
     expected = rules.model.expected(cloud.xy)
     shadowing, log_likelihood = update_shadowing(rules.model, cloud.shadowing, expected, rssi, count)
     log_weights = log_of(cloud.weights) + log_likelihood + _coverage(rules, cloud.xy, count > 0)
@@ -311,7 +317,10 @@ def _weigh(rules: TagFilterModel, cloud: TagParticles, count: Ints, rssi: Floats
 
 
 def _coverage(rules: TagFilterModel, xy: Floats, read: Bools) -> Floats:
-    """Return (N,) log probabilities that exactly those readers of known range read the tag."""
+    """Return (N,) log probabilities that of the readers of known range exactly the given ones read the tag.
+
+    `xy` (N, 2) are positions of the tag; `read` (R,): the reader has read it.
+    """
     known = np.isfinite(rules.ranges)
     if not known.any():
         return np.zeros(len(xy))
@@ -323,7 +332,7 @@ def _coverage(rules: TagFilterModel, xy: Floats, read: Bools) -> Floats:
 
 
 def _places(room: Floats, n: int, rng: Generator) -> Floats:
-    """Draw (n, 2) positions uniform over a polygon."""
+    """Draw (n, 2) positions uniform over the polygon `room` (K, 2)."""
     low, high = room.min(axis=0), room.max(axis=0)
     xy = np.broadcast_to(room[0], (n, 2)).copy()
     outside = np.ones(n, dtype=np.bool_)

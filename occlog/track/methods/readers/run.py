@@ -38,7 +38,7 @@ class ReadsSummary:
         self.refined = 0
 
     def add(self, part: TagTracks) -> None:
-        """Add the counts of some rows."""
+        """Add the counts of a part of the tracks."""
         self.tags.update(part.target_id.tolist())
         self.rows += len(part)
         self.doubts.update(reason for text in part.quality_flags.tolist() for reason in text.split(",") if reason)
@@ -46,10 +46,11 @@ class ReadsSummary:
         self.refined += int(np.count_nonzero(part.refined_by != ""))
 
     def figures(self) -> dict[str, object]:
-        """The figures.
+        """Return the figures of the summary.
 
-        tags, rows: of the tracks.  refined: rows that cameras refined.  mean_spread: root of the covariance's trace.
-        doubts: rows of each kind.
+        tags, rows: of the tracks.  refined: rows that cameras refined.  mean_sigma: mean root of the covariance's
+        trace.
+        quality_flags: rows with each flag.
         """
         return {
             "tags": len(self.tags),
@@ -60,7 +61,7 @@ class ReadsSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the tracks with their findings."""
+        """Return the checks of the tracks with their findings."""
         return outcome(
             "quality flags",
             (
@@ -82,7 +83,10 @@ class ReadsSummary:
 
 
 def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Track tags and write; return the summary and the losses recorded in the inputs."""
+    """Track tags as requested, and write the tables.
+
+    Return the figures of the summary, and the losses recorded in the inputs. InputError if no window gives a position.
+    """
     inputs = ReadsInput(request)
     windows = job.progress(inputs.windows(), "track")
     config, regions = None, None

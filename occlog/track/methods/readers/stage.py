@@ -62,7 +62,7 @@ class TagRow(NamedTuple):
     doubt: str
 
     def smoothed(self, past: SmoothedState) -> TagRow:
-        """Return this row with a smoothed state."""
+        """Return this row with the smoothed state `past`."""
         return self._replace(state=past)
 
 
@@ -113,7 +113,7 @@ def track_rssi(
 
 
 def _tag_table(rows: Sequence[TagRow], names: Sequence[str]) -> TagTracks:
-    """Return the table of rows in order."""
+    """Return the table of the rows, in their order; `names` (R,) are the readers."""
     return _tracks(
         np.array([row.t_ns for row in rows], dtype=np.int64),
         np.array([row.target for row in rows], dtype=np.int64),
@@ -147,7 +147,7 @@ def region_table(regions: Regions, names: Sequence[str], t_ns: int) -> VirtualSe
 
 
 def _names(members: Bools, names: Sequence[str]) -> np.ndarray:
-    """Return (n,) comma-separated names of the readers in each row of (n, R)."""
+    """Return (n,) comma-separated names (of `names`, R) of the readers in each row of `members` (n, R)."""
     known = np.asarray(names, dtype=np.str_)
     return np.array([",".join(known[row].tolist()) for row in members], dtype=np.str_)
 
@@ -161,7 +161,17 @@ def _tracks(
     read_by: np.ndarray,
     doubt: np.ndarray,
 ) -> TagTracks:
-    """Tabulate n estimates with covariances (n, 2, 2) of positions, or (n, 4, 4) of positions and velocities."""
+    """Return the table of n estimates.
+
+    Args:
+        t_ns: (n,) times.
+        target_id: (n,) tags.
+        xy: (n, 2).
+        velocity: (n, 2); NaN: unknown.
+        covariance: (n, 2, 2) of positions, or (n, 4, 4) of positions and velocities.
+        read_by: (n,) names of readers.
+        doubt: (n,) quality flags.
+    """
     pairs = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}
     columns = {f"cov_{name}": covariance[:, i, j] for name, (i, j) in pairs.items()}
     if covariance.shape[1] == 4:

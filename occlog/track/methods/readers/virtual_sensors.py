@@ -82,10 +82,9 @@ class RegionMoments(NamedTuple):
 
 
 def region_moments(region: BaseGeometry) -> RegionMoments:
-    """Integrate 1, x, y, xx, xy and yy over a polygon with holes, or over several, by Green's theorem.
+    """Return area, centroid and covariance of a polygon with holes, or of several, by Green's theorem.
 
-    Args:
-        region: of positive area.
+    `region` has a positive area.
     """
     # About the middle of its bounds, since moments of a region far from the origin would cancel
     x0, y0, x1, y1 = region.bounds
@@ -103,7 +102,10 @@ def region_moments(region: BaseGeometry) -> RegionMoments:
 
 
 def _ring(ring: BaseGeometry, middle: Floats, sign: float) -> Floats:
-    """Return (6,) integrals of 1, x, y, xx, xy, yy over the inside of a ring times `sign`, for either winding."""
+    """Return (6,) integrals of 1, x, y, xx, xy, yy over the inside of a ring times `sign`, for either winding.
+
+    Coordinates are relative to `middle` (2,).
+    """
     x, y = (np.asarray(ring.coords, dtype=np.float64) - middle).T
     a, b, c, d = x[:-1], y[:-1], x[1:], y[1:]
     cross = a * d - c * b
@@ -121,14 +123,14 @@ def _ring(ring: BaseGeometry, middle: Floats, sign: float) -> Floats:
 
 
 def _disc(position: Floats, radius: float) -> BaseGeometry:
-    """Approximate a disc by a polygon of its area."""
+    """Return a polygon that approximates the disc of `radius` about `position` (2,) and has its area."""
     corners = 4 * QUARTER
     share = math.sin(2.0 * math.pi / corners) * corners / (2.0 * math.pi)
     return shapely.Point(position).buffer(radius / math.sqrt(share), quad_segs=QUARTER)
 
 
 class CoarsePositions(NamedTuple):
-    """W coarse tag positions with covariances."""
+    """Positions of a tag in W windows by virtual sensors, with covariances."""
 
     xy: Floats  # (W, 2) means
     covariance: Floats  # (W, 2, 2)

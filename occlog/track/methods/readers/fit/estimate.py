@@ -20,7 +20,7 @@ MIN_LOSS = 0.1
 
 
 class Losses(NamedTuple):
-    """Least-squares fit of strengths against log distance."""
+    """Least-squares fit of strengths against log distance: a power for each of R readers, and one exponent."""
 
     power: Floats  # (R,) [dBm]
     error: Floats  # (R,) standard errors as if the noise were white; NaN of a reader without reads
@@ -39,7 +39,10 @@ class TagWindows(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """Range with the least error of virtual sensors, and the detection probabilities at it."""
+    """Range of the readers with the least error of virtual sensors, and the probabilities at it.
+
+    `detection` is that of a reader in range, `stray` out of it; `rms` is the error in the unit of length.
+    """
 
     range: float
     detection: float
@@ -99,7 +102,7 @@ def fit_shadowing(model: PathLoss, sequences: Sequence[TagWindows]) -> PathLoss:
 
 
 def _log_likelihood(model: PathLoss, tag: TagWindows) -> float:
-    """Return the log likelihood of a tag's strengths at its true positions."""
+    """Return the log likelihood of one tag's strengths at its true positions, shadowing integrated out."""
     expected = model.expected(tag.xy)
     known, total = no_shadowing(model, 1), 0.0
     for row, t_s in enumerate(tag.t_s):
@@ -117,7 +120,8 @@ def choose_range(
 
     A reader detects a tag with a mean strength of at least that expected at the range.  The probabilities that it does
     so in range and out of it are shares over the windows (each with one success and one failure more, so that none
-    is 0 or 1).
+    is 0 or 1). `ranges` are those to try, `room` (K, 2) a polygon, None: no walls. ValueError if no read is as strong
+    as expected at any of them.
     """
     xy = np.concatenate([s.xy for s in sequences])
     count, rssi = np.concatenate([s.reads for s in sequences]), np.concatenate([s.rssi for s in sequences])
@@ -151,7 +155,10 @@ def _share(detected: Bools) -> float:
 
 
 def usual_ranges(positions: Floats) -> Floats:
-    """Return (10,) candidate ranges: half to twice the median nearest-neighbour distance of (R, 2) readers."""
+    """Return (10,) candidate ranges: half to twice the median nearest-neighbour distance of readers.
+
+    `positions` (R, 2) are those of the readers. ValueError for a single one, or if they stand at one position.
+    """
     if len(positions) < 2:
         raise ValueError("one reader alone does not determine the range; state ranges to try")
     away = np.sqrt(((positions[:, None, :] - positions[None, :, :]) ** 2).sum(axis=2))

@@ -44,7 +44,10 @@ class _FitSamples:
         self.without = 0
 
     def add(self, opened: Opened) -> None:
-        """Add the samples of one recording."""
+        """Add the reads of one recording, with its true positions.
+
+        InputError for a reader that the scene, or a tag that the truth, does not have.
+        """
         reads, truth = opened.read(Reads), opened.read(Truth)
         names = [r.name for r in self.readers]
         unknown = np.flatnonzero(~np.isin(reads.sensor, names))
@@ -66,7 +69,10 @@ class _FitSamples:
             self._windows(own, path, positions, gap_ns)
 
     def _strengths(self, reads: Reads, xy: Floats, good: np.ndarray) -> None:
-        """Add strengths of single reads with their distances from the true positions."""
+        """Add the strengths of single reads, with their distances from the readers to the true positions `xy` (n, 2).
+
+        Reads that are not `good` (n,), without a true position, are only counted.
+        """
         usable = good & np.isfinite(reads.rssi)
         index_of = {r.name: k for k, r in enumerate(self.readers)}
         number = np.array([index_of[name] for name in reads.sensor[usable].tolist()], dtype=np.int64)
@@ -79,7 +85,10 @@ class _FitSamples:
         self.without += int(np.count_nonzero(~good))
 
     def _windows(self, reads: Reads, truth: Truth, positions: Floats, gap_ns: int) -> None:
-        """Add the windows of a tag that have true positions."""
+        """Add the windows of one tag's reads that have a true position.
+
+        `positions` (n, 2) are those of `truth`, interpolated over gaps of at most `gap_ns` [ns].
+        """
         names = [r.name for r in self.readers]
         for part in windows_of([reads], names, round(self.config.window_s * NS)):
             xy, good = interpolate_positions(part.t_ns, truth.t_ns, positions, gap_ns)
@@ -90,7 +99,10 @@ class _FitSamples:
 
 
 def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fit and write; return the summary and the losses recorded in the inputs."""
+    """Fit path losses, shadowing and coverage to the request's recordings, and write them.
+
+    Return the figures of the summary, and the losses recorded in the inputs. InputError if the reads do not suffice.
+    """
     inputs = [open_input(path, Reads) for path in request.recordings]
     for opened in inputs:
         opened.require(Truth, remedy="add true positions of the tags by `occlog ingest` (truth)")
@@ -173,7 +185,10 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
 
 
 def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
-    """Return the common scene of all recordings; UsageError if reader positions differ."""
+    """Return the scene of all recordings: that of the request, or of the first one.
+
+    UsageError if reader positions or units differ, InputError without readers.
+    """
     scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:
         raise InputError(
