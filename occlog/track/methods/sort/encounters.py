@@ -21,14 +21,14 @@ OVER_S = 1.0
 
 
 class Encounters:
-    """Ongoing encounters of pairs of nearby people."""
+    """Pairs of people who are near each other, and how probably their identities were exchanged meanwhile."""
 
     def __init__(self) -> None:
-        """Start without encounters."""
+        """Start without ongoing encounters."""
         self._going_on: dict[tuple[int, int], list[float]] = {}
 
     def add(self, t_ns: int, ids: Ints, ratio: Floats, target: Ints, box: Ints) -> Iterator[Event]:
-        """Add a frame; return events of the encounters that ended.
+        """Add a frame, and generate the events of the encounters that have ended.
 
         Args:
             t_ns: time of the frame.
@@ -46,16 +46,16 @@ class Encounters:
             yield from _events(pair, self._going_on.pop(pair)[0])
 
     def finish(self) -> Iterator[Event]:
-        """Return the events of all ongoing encounters."""
+        """Generate the events of all ongoing encounters, which end."""
         for pair, (probability, _) in self._going_on.items():
             yield from _events(pair, probability)
         self._going_on = {}
 
 
 def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[int, int, float]]:
-    """Return pairs of identities with their probability of exchanged boxes, above `NEAR_PROBABILITY`.
+    """Return pairs of identities with the probability that their boxes are exchanged, above `NEAR_PROBABILITY`.
 
-    One of the two may have no box: then the other's box may be its own.
+    One of the two may have no box: then the other's box may be its own. Arguments are those of `Encounters.add`.
     """
     assigned = np.full(len(ids), -1, dtype=np.int64)
     assigned[target] = box
@@ -75,13 +75,16 @@ def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[i
 
 
 def tempered(loss: Floats) -> Floats:
-    """Return the probability of the alternative from log likelihood ratios."""
+    """Return the probability of the alternative from the log likelihood ratio `loss` by which it is less likely."""
     with np.errstate(over="ignore"):
         return np.asarray(1.0 / (1.0 + np.exp(TEMPER * loss)))
 
 
 def _events(pair: tuple[int, int], probability: float) -> list[Event]:
-    """Return the possible identity switch of both people if probable enough to report."""
+    """Return the possible identity switch as an event of both people.
+
+    There is none if it is less probable than `MIN_PROBABILITY`.
+    """
     if probability < MIN_PROBABILITY:
         return []
     return [Event("possible_switch", a, b, probability) for a, b in (pair, pair[::-1])]

@@ -94,16 +94,16 @@ class Targets:
     appearance: Floats
 
     def take(self, rows: Bools | Ints) -> Targets:
-        """Select tracks by a mask or indices."""
+        """Return the tracks selected by a mask (N,) or by indices."""
         return Targets(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def and_(self, others: Targets) -> Targets:
-        """Concatenate with other tracks."""
+        """Return these tracks followed by `others`."""
         return Targets(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
 
 
 def no_targets(length: int) -> Targets:
-    """Return an empty set of tracks with appearance vectors of a length."""
+    """Return an empty set of tracks, with appearance vectors of `length` numbers."""
     none, some = np.zeros(0, dtype=np.int64), np.zeros(0)
     wide = np.zeros((0, 4))
     return Targets(
@@ -139,7 +139,7 @@ class _Scored(NamedTuple):
 
 
 class SortFilter:
-    """The filter of one camera."""
+    """The filter of one camera: its tracks, and what it has learned of the detector; `step` changes it."""
 
     def __init__(self, config: SortConfig, size: tuple[int, int] | None = None) -> None:
         """Start without tracks.
@@ -164,7 +164,10 @@ class SortFilter:
         return self._reach if self._size is None else self._size
 
     def step(self, found: FrameDetections, frame: int) -> FrameTracks:
-        """Update by a frame; frames come in time order, including those without boxes."""
+        """Update by a frame with number `frame`; frames come in time order, including those without boxes.
+
+        Return the rows of confirmed tracks, and the events of this frame.
+        """
         rows = np.flatnonzero((found.boxes[:, 2] - found.boxes[:, 0] > 0) & (found.boxes[:, 3] - found.boxes[:, 1] > 0))
         boxes, score, appearance = found.boxes[rows], found.score[rows], found.appearance[rows]
         self._widen(boxes, appearance)
@@ -194,11 +197,11 @@ class SortFilter:
         return out._replace(events=tuple(events), keys=keys, of_keys=rows[np.concatenate([box, born])])
 
     def finish(self) -> tuple[Event, ...]:
-        """Return the pending events at the end."""
+        """Return the events of encounters that are going on at the end."""
         return tuple(self._encounters.finish())
 
     def _widen(self, boxes: Floats, appearance: Floats) -> None:
-        """Update the image extent and the length of appearance vectors from boxes."""
+        """Update the reach of the boxes (M, 4), and the length of appearance vectors when the first (M, K) come."""
         if len(boxes):
             self._reach = (max(self._reach[0], boxes[:, 2].max()), max(self._reach[1], boxes[:, 3].max()))
         if appearance.shape[1] and not self.targets.appearance.shape[1]:
@@ -206,17 +209,17 @@ class SortFilter:
             self.targets = replace(self.targets, appearance=nothing)
 
     def _weights(self) -> Floats:
-        """Return (N,) probabilities that a track occludes what is behind it: confirmed and present."""
+        """Return (N,) probabilities that a track occludes what is behind it: existence if confirmed, else 0."""
         return np.where(self.targets.id >= 0, self.targets.existence, 0.0)
 
     def _noise(self, boxes: Floats) -> Floats:
-        """Return (M, 4) measurement variances of box states."""
+        """Return (M, 4) measurement variances of the states (see `kernels.boxes`) of boxes (M, 4)."""
         position = (self.config.sigma_position * (boxes[:, 3] - boxes[:, 1])) ** 2
         size = np.full(len(boxes), self.config.sigma_size**2)
         return np.column_stack([position, position, size, size])
 
     def _predict(self, dt: float) -> None:
-        """Predict all tracks by dt [s]."""
+        """Predict all tracks by `dt` [s], in place."""
         at, config = self.targets, self.config
         density = np.full((len(at.id), 4), SIZE_NOISE_DENSITY)
         density[:, :2] = (config.process_noise_density * np.exp(2.0 * at.mean[:, LOG_HEIGHT, 0]))[:, None]
@@ -228,7 +231,16 @@ class SortFilter:
     def _score(
         self, z: Floats, noise: Floats, score: Floats, appearance: Floats, visible: Floats, dt: float
     ) -> _Scored:
-        """Return log likelihood ratios of all pairs of tracks and boxes."""
+        """Return log likelihood ratios of all pairs of N tracks and M boxes, with what they were made of.
+
+        Args:
+            z: (M, 4) states of the boxes.
+            noise: (M, 4) variances of these.
+            score: (M,) confidences.
+            appearance: (M, K) of the boxes.
+            visible: (N,) visible shares of the tracks.
+            dt: time since the last frame [s].
+        """
         at = self.targets
         inside = inside_shares(boxes_of(at.mean[..., 0]), self.size)
         # Who was missed in the frame before is missed again, unless the run of misses has ended since
@@ -258,7 +270,15 @@ class SortFilter:
         return np.asarray(at.last_var + np.column_stack([spread, spread, size, size]))
 
     def _learn(self, scored: _Scored, score: Floats, visible: Floats, target: Ints, box: Ints) -> None:
-        """Update detector statistics from tracks that are certain."""
+        """Update the detector statistics from tracks that are certain.
+
+        Args:
+            scored: of all pairs of N tracks and M boxes.
+            score: (M,) confidences.
+            visible: (N,) visible shares of the tracks.
+            target: (k,) tracks with a box.
+            box: (k,) their boxes.
+        """
         at, learned = self.targets, self.learned
         hit = np.zeros(len(at.id), dtype=np.bool_)
         hit[target] = True
@@ -279,7 +299,18 @@ class SortFilter:
         self, z: Floats, noise: Floats, appearance: Floats, scored: _Scored, visible: Floats,
         target: Ints, box: Ints, dt: float,
     ) -> None:  # fmt: skip
-        """Update tracks by their boxes (Kalman update), and their existence probabilities."""
+        """Update tracks by their boxes (Kalman update), and the existence of all tracks, in place.
+
+        Args:
+            z: (M, 4) states of the boxes.
+            noise: (M, 4) variances of these.
+            appearance: (M, K) of the boxes.
+            scored: of all pairs of N tracks and M boxes.
+            visible: (N,) visible shares of the tracks.
+            target: (k,) tracks with a box.
+            box: (k,) their boxes.
+            dt: time since the last frame [s].
+        """
         at = self.targets
         stopped = scored.stopped[target, box]
         mean, cov = updated(at.mean[target], at.cov[target], z[box], noise[box])
@@ -303,7 +334,7 @@ class SortFilter:
             at.appearance[who] = old + APPEARANCE_RATE * (appearance[of] - old)
 
     def _confirm(self) -> list[Event]:
-        """Assign identities to tracks that exist with sufficient probability."""
+        """Assign identities to tracks that exist with sufficient probability; return the events."""
         at = self.targets
         new = np.flatnonzero(
             (at.id < 0) & (at.existence > self.config.confirmation_threshold) & (at.boxes >= MIN_BOXES)
@@ -317,7 +348,16 @@ class SortFilter:
         return events
 
     def _begin(self, free: Ints, boxes: Floats, z: Floats, noise: Floats, score: Floats, appearance: Floats) -> Ints:
-        """Start tentative tracks at unassigned boxes; return the indices of these boxes."""
+        """Start tentative tracks at unassigned boxes; return the indices of the boxes that began one.
+
+        Args:
+            free: indices of the unassigned boxes.
+            boxes: (M, 4) of the frame.
+            z: (M, 4) states of these.
+            noise: (M, 4) variances of the states.
+            score: (M,) confidences.
+            appearance: (M, K) of the boxes.
+        """
         at = self.targets
         born = free[~(score[free] < self.config.birth_score)]
         prior = self.learned.birth_probability(score[born])
@@ -343,9 +383,10 @@ class SortFilter:
         return born
 
     def _shown(self, detected: Bools) -> Bools:
-        """Return (N,) booleans: which tracks have an output row.
+        """Return (N,) booleans: the track has an output row.
 
-        These are confirmed, and have a box or are probably present near the predicted position.
+        Such tracks are confirmed, and have a box (`detected`, (N,)) or are probably present near the predicted
+        position.
         """
         at = self.targets
         width = np.exp(at.mean[:, LOG_HEIGHT, 0]) * np.maximum(at.mean[:, ASPECT, 0], MIN_ASPECT)
@@ -355,7 +396,10 @@ class SortFilter:
         return shown
 
     def _rows(self, t_ns: int, frame: int, shown: Bools, detected: Bools, visible: Floats) -> FrameTracks:
-        """Return the output rows of tracks, sorted by identity."""
+        """Return the output rows of the tracks `shown` (N,), sorted by identity, without events and keys.
+
+        `detected` (N,): the track has a box in this frame; `visible` (N,) are visible shares.
+        """
         at = self.targets
         rows = np.flatnonzero(shown)
         rows = rows[np.argsort(at.id[rows])]
@@ -366,7 +410,10 @@ class SortFilter:
         )  # fmt: skip
 
     def _end(self, detected: Bools) -> list[Event]:
-        """Delete tracks that left, are unlikely to exist, or have lost their position."""
+        """Delete tracks that left, are unlikely to exist, or have lost their position; return the events.
+
+        `detected` (N,): the track has a box in this frame.
+        """
         at = self.targets
         least = np.where(at.id >= 0, MIN_CONFIRMED, MIN_TENTATIVE)
         left = inside_shares(boxes_of(at.mean[..., 0]), self.size) < MIN_INSIDE
@@ -378,13 +425,17 @@ class SortFilter:
 
 
 def match_probability(width: Floats, variance: Floats) -> Floats:
-    """Return (N,) probabilities that positions with variances (N,) are within a third of widths (N,)."""
+    """Return (N,) probabilities that positions with variances `variance` (N,) are within a third of `width` (N,)."""
     out: Floats = erf(width / 3.0 / np.sqrt(2.0 * variance))
     return out
 
 
 def _born(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]:
-    """Return initial means (n, 4, 2) and covariances (n, 4, 3) of tracks from single boxes."""
+    """Return initial means (n, 4, 2) and covariances (n, 4, 3) of tracks from single boxes.
+
+    `z` (n, 4) are the boxes' states, `noise` (n, 4) their variances, `sigma_speed` the standard deviation of a speed
+    per axis [heights/s].
+    """
     mean, cov = np.zeros((len(z), 4, 2)), np.zeros((len(z), 4, 3))
     mean[..., 0], cov[..., 0] = z, noise
     cov[:, :2, 2] = (sigma_speed**2 * np.exp(2.0 * z[:, LOG_HEIGHT]))[:, None]
@@ -393,7 +444,10 @@ def _born(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]
 
 
 def _likelihood(mean: Floats, variance: Floats, z: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return (N, M) log likelihoods of boxes (M, 4) for tracks (N, 4), and squared Mahalanobis distances."""
+    """Return (N, M) log likelihoods of M boxes for N tracks, and (N, M) squared Mahalanobis distances.
+
+    `mean` and `variance` (N, 4) are the tracks' predicted states, `z` and `noise` (M, 4) those of the boxes.
+    """
     spread = variance[:, None, :] + noise[None]
     off = mean[:, None, :] - z[None]
     distance = (off * off / spread).sum(axis=2)
@@ -402,7 +456,10 @@ def _likelihood(mean: Floats, variance: Floats, z: Floats, noise: Floats) -> tup
 
 
 def _assigned(ratio: Floats) -> tuple[Ints, Ints]:
-    """Return the assignment of tracks to boxes with maximum sum of log likelihood ratios, without negative ones."""
+    """Return the assignment of tracks (k,) to boxes (k,) with maximum sum of ratios, without negative ones.
+
+    `ratio` (N, M) are log likelihood ratios.
+    """
     gain = np.where(ratio > 0.0, ratio, 0.0)
     rows, columns = linear_sum_assignment(gain, maximize=True)
     made = gain[rows, columns] > 0.0

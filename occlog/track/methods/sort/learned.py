@@ -31,7 +31,7 @@ STATE_VOLUME = 0.5
 
 
 class DetectorStatistics:
-    """Detection statistics of one camera, with priors."""
+    """What was learned of the detector of one camera, priors included: detections, confidences, similarities."""
 
     def __init__(self, detection_probability: float) -> None:
         """Start with the prior; `detection_probability` is that of unoccluded people."""
@@ -48,7 +48,7 @@ class DetectorStatistics:
         return np.asarray((self._detected / self._frames)[_interval(visible, VISIBILITY_BINS)])
 
     def add_detections(self, visible: Floats, hit: Bools) -> None:
-        """Add detections or misses of people with visible shares (n,)."""
+        """Add people with visible shares `visible` (n,) to the statistics; `hit` (n,): the person was detected."""
         interval = _interval(visible, VISIBILITY_BINS)
         self._frames += np.bincount(interval, minlength=VISIBILITY_BINS)
         self._detected += np.bincount(interval, hit, VISIBILITY_BINS)
@@ -69,29 +69,35 @@ class DetectorStatistics:
         return np.asarray(np.log(self._shares(score)) - np.log(density))
 
     def birth_probability(self, score: Floats) -> Floats:
-        """Return (n,) probabilities that an unassigned box is of a person."""
+        """Return (n,) probabilities, by the confidences `score` (n,), that unassigned boxes are of new people."""
         born = BIRTHS_PER_FRAME * self._shares(score)
         return np.clip(born / (born + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
 
     def add_scores(self, score: Floats, people: Ints, clutter: Ints) -> None:
-        """Add a frame's confidences (M,), with indices of boxes of confirmed tracks and of unassigned boxes."""
+        """Add a frame's confidences `score` (M,), by which boxes were of people.
+
+        `people` are indices of boxes of confirmed tracks, `clutter` those of unassigned boxes.
+        """
         kept = 1.0 - 1.0 / MEMORY_FRAMES
         self._false = kept * self._false + np.bincount(_scores(score[clutter]), minlength=SCORE_BINS + 1)
         self._looks = kept * self._looks + 1.0
         self._true += np.bincount(_scores(score[people]), minlength=SCORE_BINS + 1)[:SCORE_BINS]
 
     def add_likeness(self, kind: int, values: Floats) -> None:
-        """Add appearance similarities to the same person or to others; NaN: unknown."""
+        """Add appearance similarities to the same person or to others (`kind` SAME_TARGET or OTHER_TARGET).
+
+        NaN is ignored.
+        """
         known = values[np.isfinite(values)]
         self.likeness[kind] += [len(known), known.sum(), (known**2).sum()]
 
 
 def _interval(share: Floats, count: int) -> Ints:
-    """Return the index of the interval, of `count` equal ones, containing shares 0 to 1."""
+    """Return, for each share (0 to 1), the index of its interval, of `count` equal ones."""
     return np.clip((np.asarray(share) * count).astype(np.int64), 0, count - 1)
 
 
 def _scores(score: Floats) -> Ints:
-    """Return the confidence interval index; NaN gets the one after the last."""
+    """Return the interval index of each confidence, of `SCORE_BINS`; for NaN it is `SCORE_BINS`."""
     known = np.where(np.isnan(score), 0.0, score)
     return np.where(np.isnan(score), SCORE_BINS, _interval(known, SCORE_BINS))

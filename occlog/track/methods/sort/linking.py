@@ -55,12 +55,12 @@ class Boxes:
     row: Ints
 
     def take(self, rows: slice) -> Boxes:
-        """Select boxes by a slice."""
+        """Return the boxes selected by a slice."""
         return Boxes(self.frame[rows], self.boxes[rows], self.appearance[rows], self.row[rows])
 
 
 class Doubt(NamedTuple):
-    """A doubtful link, or two links that may be exchanged, with the following boxes and the probability.
+    """A link that may be wrong, or two that may be exchanged: rows of the boxes after it, frame, and probability.
 
     `other` is -1 where one link may be wrong because a new person may have come instead.
     """
@@ -119,7 +119,10 @@ def linked(
 
 
 def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
-    """Return tracklets by first frame: tracks cut where two overlap most, and at gaps."""
+    """Return tracklets by first frame: tracks cut where two overlap most, and at gaps.
+
+    `times` (F,) are the frames' [s].
+    """
     at: list[set[int]] = [set() for _ in tracks]
     for (a, b), seen in _encounters(tracks).items():
         frames = np.array(sorted(seen))
@@ -140,7 +143,10 @@ def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
 
 
 def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, float]]:
-    """Return the overlaps of pairs of tracks by frame, with boxes interpolated in gaps."""
+    """Return the overlaps above `CUT_OVERLAP` (intersection over union) by pair of tracks and by frame.
+
+    Boxes are interpolated in gaps.
+    """
     frames = [np.arange(each.frame[0], each.frame[-1] + 1) for each in tracks]
     if not frames:
         return {}
@@ -163,7 +169,10 @@ def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, floa
 
 
 def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> tuple[Floats, Floats]:
-    """Return smoothed means (n, 4, 2) and covariances (n, 4, 3) of a track at given frames."""
+    """Return smoothed means (n, 4, 2) and covariances (n, 4, 3) of a track at `frames` (n,), which include its own.
+
+    `times` (F,) are those of all frames [s].
+    """
     states = states_of(track.boxes)
     seen = np.isin(frames, track.frame)
     z, noise = np.zeros((len(frames), 4)), np.ones((len(frames), 4))
@@ -180,7 +189,7 @@ def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> 
 
 
 def _ends(parts: Sequence[Boxes], times: Floats, config: SortConfig) -> Ends:
-    """Return smoothed first and last states of tracklets."""
+    """Return smoothed first and last states of tracklets; `times` (F,) are those of all frames [s]."""
     states = [_smoothed(each, times, config, each.frame) for each in parts]
     appearance = np.array([_mean(each.appearance) for each in parts])
     return Ends(
@@ -195,7 +204,7 @@ def _ends(parts: Sequence[Boxes], times: Floats, config: SortConfig) -> Ends:
 
 
 def _mean(appearance: Floats) -> Floats:
-    """Return the (K,) mean of the known rows; NaN if none is known."""
+    """Return the (K,) mean of the known rows of `appearance` (k, K); NaN if none is known."""
     known = appearance[~np.isnan(appearance).any(axis=1)]
     return known.mean(axis=0) if len(known) else np.full(appearance.shape[1], np.nan)
 
@@ -203,7 +212,15 @@ def _mean(appearance: Floats) -> Floats:
 def _joined(
     parts: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, births: float
 ) -> tuple[list[Boxes], list[Doubt]]:
-    """Link tracklets with maximum total likelihood; return the linked tracks and the doubtful links."""
+    """Link tracklets with maximum total likelihood; return the linked tracks and the doubtful links.
+
+    Args:
+        parts: tracklets.
+        times: (F,) of the frames [s].
+        config: settings.
+        likeness: (2, 3) sums of similarities to the same person and to others.
+        births: people who appear per second and px^2.
+    """
     if len(parts) < 2:
         return list(parts), []
     ends = _ends(parts, times, config)
@@ -229,7 +246,13 @@ def _joined(
 
 
 def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tuple[int, int], float]) -> Iterator[Doubt]:
-    """Return pairs of links that are nearly as likely if exchanged."""
+    """Generate the links that may be wrong, and pairs of links that may be exchanged.
+
+    Args:
+        parts: tracklets.
+        following: index of the next tracklet, for those that have one.
+        ratios: log likelihood ratios of possible links, by both tracklets.
+    """
     before = {after: first for first, after in following.items()}
     rivals: dict[int, list[int]] = {}
     for first, after in ratios:
@@ -247,7 +270,11 @@ def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tupl
 
 
 def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -> Iterator[Doubt]:
-    """Return the doubt about a link or pair of links if the alternative is probable enough."""
+    """Generate the doubt about a link, or a pair of links, if the alternative is probable enough.
+
+    `after` and `other` (None: a single link) are the tracklets that follow, `loss` is the log likelihood ratio by which
+    the alternative is less likely.
+    """
     probability = float(tempered(np.asarray(loss)))
     if probability >= MIN_PROBABILITY:
         frame = max(int(parts[k].frame[0]) for k in (after, after if other is None else other))
@@ -255,7 +282,10 @@ def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -
 
 
 def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
-    """Return the sequences of linked tracklets, by first frame."""
+    """Return the sequences of linked tracklets as tracks, by first frame.
+
+    `following` is the index of the next tracklet, for those that have one.
+    """
     continued = set(following.values())
     out = []
     for first in range(len(parts)):
@@ -269,7 +299,7 @@ def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
 
 
 def _one(parts: Iterable[Boxes]) -> Boxes:
-    """Concatenate the boxes of several tracklets."""
+    """Return the boxes of several tracklets as one, in their order."""
     some = list(parts)
     return Boxes(
         *(np.concatenate([getattr(each, name) for each in some]) for name in ("frame", "boxes", "appearance", "row"))
@@ -307,7 +337,10 @@ def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: F
 
 
 def _log_t(off: Floats, spread: Floats) -> Floats:
-    """Return (n,) Student-t log densities of differences (n, 3) with given variances (size: agreement term only)."""
+    """Return (n,) Student-t log densities of differences `off` (n, 3) with variances `spread` (n, 3).
+
+    The third column, the size, counts in the distance only, not in the normalisation.
+    """
     distance = (off * off / spread).sum(axis=1)
     return np.asarray(
         -0.5 * (TAIL + 3.0) * np.log1p(distance / TAIL) - 0.5 * np.log(spread[:, :2]).sum(axis=1) - np.log(2.0 * np.pi)
@@ -315,7 +348,10 @@ def _log_t(off: Floats, spread: Floats) -> Floats:
 
 
 def smoothed_track(track: Boxes, times: Floats, config: SortConfig) -> SmoothedTrack:
-    """Return a smoothed track in all frames from its first to its last box."""
+    """Return a smoothed track in all frames from its first to its last box.
+
+    `times` (F,) are those of all frames [s].
+    """
     frames = np.arange(track.frame[0], track.frame[-1] + 1)
     mean, cov = _smoothed(track, times, config, frames)
     detected = np.isin(frames, track.frame)

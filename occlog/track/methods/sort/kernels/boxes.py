@@ -17,14 +17,17 @@ NEARER_HEIGHTS: Final = 0.05
 
 
 def states_of(boxes: Floats) -> Floats:
-    """Convert (N, 4) boxes left, top, right, bottom [px] of positive size to states."""
+    """Return the states (N, 4) of boxes (N, 4) left, top, right, bottom [px] of positive size.
+
+    Columns are centre [px], ln of the height [px], and width over height.
+    """
     left, top, right, bottom = boxes.T
     height = bottom - top
     return np.column_stack([0.5 * (left + right), 0.5 * (top + bottom), np.log(height), (right - left) / height])
 
 
 def boxes_of(states: Floats) -> Floats:
-    """Convert (N, 4) states to boxes left, top, right, bottom [px]."""
+    """Return the boxes (N, 4) left, top, right, bottom [px] of states (N, 4)."""
     height = np.exp(states[:, LOG_HEIGHT])
     half = 0.5 * np.column_stack([height * np.maximum(states[:, ASPECT], MIN_ASPECT), height])
     centre = states[:, :2]
@@ -32,13 +35,13 @@ def boxes_of(states: Floats) -> Floats:
 
 
 def areas(boxes: Floats) -> Floats:
-    """Return (N,) areas of boxes."""
+    """Return (N,) areas [px^2] of boxes (N, 4)."""
     out: Floats = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     return out
 
 
 def intersections(a: Floats, b: Floats) -> Floats:
-    """Return (N, M) intersection areas of boxes (N, 4) and boxes (M, 4)."""
+    """Return (N, M) areas [px^2] that boxes `a` (N, 4) and boxes `b` (M, 4) have in common."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, 2:], b[None, :, 2:])
     out: Floats = np.prod(np.maximum(high - low, 0.0), axis=2)
@@ -46,14 +49,14 @@ def intersections(a: Floats, b: Floats) -> Floats:
 
 
 def overlaps(a: Floats, b: Floats) -> Floats:
-    """Return (N, M) intersection over union of boxes (N, 4) and boxes (M, 4)."""
+    """Return (N, M) intersection over union of boxes `a` (N, 4) and boxes `b` (M, 4), 0 to 1."""
     shared = intersections(a, b)
     out: Floats = shared / (areas(a)[:, None] + areas(b)[None, :] - shared)
     return out
 
 
 def inside_shares(boxes: Floats, size: tuple[float, float]) -> Floats:
-    """Return (N,) share of each box inside an image of `size` [px]."""
+    """Return (N,) share of each of boxes (N, 4) inside an image of `size`, width and height [px]."""
     image = np.array([[0.0, 0.0, size[0], size[1]]])
     out: Floats = intersections(boxes, image)[:, 0] / areas(boxes)
     return out

@@ -12,7 +12,10 @@ from occlog.core.numerics.jit import kernel
 
 
 def predicted(covariance: Floats, density: Floats, dt: float) -> Floats:
-    """Return (..., 3) covariances after time dt [s] under white acceleration of spectral densities (...)."""
+    """Return covariances (..., 3) after a time `dt` [s] under white acceleration of spectral `density` (...).
+
+    `covariance` (..., 3) are those before.
+    """
     vv, vr, rr = np.moveaxis(covariance, -1, 0)
     return np.stack(
         [
@@ -25,7 +28,10 @@ def predicted(covariance: Floats, density: Floats, dt: float) -> Floats:
 
 
 def updated(mean: Floats, covariance: Floats, z: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return means (..., 2) and covariances (..., 3) after measurements (...) of the values with variances (...)."""
+    """Return means (..., 2) and covariances (..., 3) after measurements `z` (...) of the values.
+
+    `mean` (..., 2) and `covariance` (..., 3) are those before, `noise` (...) the variances of the measurements.
+    """
     gain = covariance[..., :2] / (covariance[..., 0] + noise)[..., None]
     after = mean + gain * (z - mean[..., 0])[..., None]
     kept = 1.0 - gain[..., 0]
