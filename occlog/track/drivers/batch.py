@@ -114,14 +114,21 @@ def track_batch(
 def _advance(
     own: _TargetScans[State], target: int, method: Batch[State, Config], names: tuple[str, ...], *, last: bool
 ) -> tuple[_TargetScans[State], TrackChunk]:
-    """Call the batch method with the buffered scans; return the states it releases."""
+    """Call the batch method with a target's buffered scans.
+
+    Return the target without them, and the rows that it releases. `names` are those of the sensors; `last`: nothing
+    will follow, so that everything is released.
+    """
     state, smoothed = method.advance(own.state, own.scans, last)
     given = int(smoothed.t_ns[-1]) if len(smoothed.t_ns) else own.given_ns
     return own._replace(state=state, given_ns=given, scans=[]), as_tables(smoothed, target, names)
 
 
 def _until(waiting: list[TrackChunk], horizon_ns: int) -> tuple[list[TrackChunk], list[TrackChunk]]:
-    """Split buffered rows of all targets at a time: rows up to it, sorted by time, and the rest."""
+    """Split buffered rows of all targets at time `horizon_ns`: return those up to it, and the rest.
+
+    The former are at most one chunk, sorted by time.
+    """
     early, late = [], []
     for part in waiting:
         n = int(np.searchsorted(part.tracks.t_ns, horizon_ns, side="right"))
@@ -157,7 +164,7 @@ def _cut(part: TrackChunk, n: int, *, first: bool) -> TrackChunk:
 
 
 def as_tables(found: SmoothedTrajectory, target: int, names: tuple[str, ...]) -> TrackChunk:
-    """Convert one target's smoothed trajectory to output tables."""
+    """Convert the smoothed trajectory of target `target` to output tables; `names` are those of the sensors."""
     T, C = len(found.t_ns), found.covariance
     identity = np.full(T, target, dtype=np.int32)
     names4 = ("x", "y", "vx", "vy")

@@ -101,7 +101,7 @@ def _tracked(
 
 
 def cooperation_of(requests: list[tuple[int, CameraRequest]]) -> Cooperation:
-    """Return the table of camera requests with their times, sorted by time and target."""
+    """Return the table of camera requests, each with its time [ns], sorted by time and target."""
     ordered = sorted(requests, key=lambda r: (r[0], r[1].answer.ask.number))
     if not ordered:
         return Cooperation.empty()

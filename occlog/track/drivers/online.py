@@ -32,7 +32,10 @@ def track_online(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[TrackChunk]:
-    """Tracks of all targets, chunk by chunk; see `occlog.track.drivers.stage.track`."""
+    """Generate tracks of all targets, chunk by chunk, by one filter a target.
+
+    Arguments and errors are those of `occlog.track.drivers.stage.track`; `method` is the one that the task names.
+    """
     config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
     selector = _selector(scene, method, tracking)
@@ -81,7 +84,10 @@ def track_online(
 def _selector(
     scene: Scene, method: Online[State, Config], tracking: TrackingTask[Config]
 ) -> Selector[State, Config] | None:
-    """Return the camera selector, or None; UsageError for a method that cannot predict the target's position."""
+    """Return the camera selector; None without a selection.
+
+    UsageError for a method that cannot predict the target's position.
+    """
     if tracking.selection is None:
         return None
     if method.prediction is None:
@@ -98,7 +104,8 @@ def _stepped(
 ) -> tuple[TargetFilter[State], EstimateRow | None]:
     """Advance a target's filter by a scan; return its state and output row.
 
-    None if the scan gives no row; its frames count in the next row.
+    None instead of the row if the scan gives none; its frames count in the next row. With a `selector`, only selected
+    cameras are used.
     """
     offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
@@ -118,5 +125,8 @@ def _stepped(
 
 
 def _targets(scan: Scan, filters: Collection[int], wanted: Collection[int] | None) -> list[int]:
-    """Return the ascending target numbers that a scan may concern."""
+    """Return the identities, ascending, of targets with a filter or a label in the scan.
+
+    Without any it is the first of `wanted` (None: all), or `FIRST_TARGET`.
+    """
     return sorted(scan.targets.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]

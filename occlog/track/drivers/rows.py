@@ -32,7 +32,7 @@ MAX_PARTICLES = 200
 
 
 def downsample(cloud: ParticleSet, most: int = MAX_PARTICLES) -> ParticleSet:
-    """A cloud as it is, or of a larger one `most` particles of equal weight.
+    """Return a cloud as it is, or of a larger one `most` particles of equal weight.
 
     Systematic resampling without a random number: of a weight w there come w * most particles, rounded up or down.
     Mean and covariance are kept but for what is omitted between neighbours.
@@ -44,7 +44,7 @@ def downsample(cloud: ParticleSet, most: int = MAX_PARTICLES) -> ParticleSet:
 
 
 def particle_rows(clouds: Sequence[tuple[int, int, ParticleSet]]) -> Particles:
-    """The table of clouds, each with its time [ns] and target, in order."""
+    """Return the table of clouds, each given with its time [ns] and target, in their order."""
     if not clouds:
         return Particles.empty()
     sizes: Ints = np.array([len(cloud.weights) for _, _, cloud in clouds], dtype=np.int64)
@@ -131,7 +131,10 @@ def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:
 
 
 def _residuals(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Residuals | None:
-    """Return the table of bearing residuals of the estimates; None if the method does not compute them."""
+    """Return the table of the estimates' residuals; None if the method does not compute them.
+
+    `names` are those of the sensors.
+    """
     fits = [(r, r.estimate.fit) for r in rows if r.estimate.fit is not None]
     if not fits:
         return None
@@ -139,7 +142,10 @@ def _residuals(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Residuals
 
 
 def residual_rows(fit: BearingResiduals, t_ns: Ints, target: int, names: tuple[str, ...]) -> Residuals:
-    """Return the table of a target's bearing residuals at T times t_ns."""
+    """Return the table of a target's residuals; `t_ns` (T,) are the times that `fit.row` refers to.
+
+    `names` are those of the sensors.
+    """
     return Residuals.of(
         t_ns=t_ns[fit.row],
         target_id=np.full(len(fit.row), target, dtype=np.int32),
@@ -204,7 +210,10 @@ def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
 
 
 def _calibration(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> Calibration:
-    """Return the table of estimated pose errors of all sensors after each scan, if the method estimates them."""
+    """Return the table of estimated pose errors of all sensors after each scan, if the method estimates them.
+
+    Otherwise it is empty. `names` are those of the sensors.
+    """
     found = [(r.t_ns, r.target, r.estimate.calibration) for r in rows if r.estimate.calibration is not None]
     if not found:
         return Calibration.empty()
@@ -229,7 +238,7 @@ class NetworkTraffic:
     """Counts of messages and bytes sent by cameras, accumulated over the diagnostics."""
 
     def __init__(self) -> None:
-        """Start all counts at 0."""
+        """Start with all counts at 0."""
         self.reports = 0
         self.offered = 0
         self.orders = 0
@@ -237,7 +246,7 @@ class NetworkTraffic:
         self._on: dict[int, frozenset[str]] = {}
 
     def add(self, part: Diagnostics) -> None:
-        """Add the counts of one chunk."""
+        """Add the messages that one chunk of diagnostics stands for."""
         self.reports += int(part.n_observing.sum())
         self.offered += int(part.n_available.sum())
         for row in np.flatnonzero(np.isfinite(part.predicted_mse)).tolist():

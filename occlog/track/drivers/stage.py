@@ -38,7 +38,7 @@ def track(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[TrackChunk]:
-    """Tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
+    """Generate tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
 
     Each labelled target has a filter of its own, with its own random numbers, which starts
     with the target's first row; what one target's track is does not depend on the others, unless
@@ -114,7 +114,7 @@ def track(
 
 
 def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bool) -> LabelContinuity:
-    """Return the label-continuity check of a scene.
+    """Return the label-continuity check of a scene; `repair`: labels that two targets exchange are exchanged back.
 
     Its motion model is that of the settings if they have one (`WalkConfig`), else that of the Kalman filters.
     """
@@ -126,9 +126,9 @@ def label_continuity(scene: Scene, tracking: TrackingTask[Config], *, repair: bo
 
 
 def motion_check(scene: Scene, config: object) -> MotionCheck | None:
-    """Return how the motion model of the method's settings compares with that of the label check.
+    """Return how the noise of a method's motion model compares with that of the label check; None: no comparison.
 
-    None: no comparison.
+    There is none for a method without a motion model of its own, or with one that it judges itself.
     """
     if isinstance(config, FixConfig):
         return None
@@ -150,7 +150,10 @@ def _tracked(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
     measured: DistanceMeasurementFeed | None,
 ) -> Iterator[TrackChunk]:
-    """Run the driver for the method's kind (online, batch or joint)."""
+    """Generate tracks by the driver for the method's kind (online, batch or joint); arguments are those of `track`.
+
+    UsageError for a selection or occluders that this kind does not take.
+    """
     if isinstance(method, Online):
         yield from track_online(bearings, scene, method, tracking, occluders, measured)
         return

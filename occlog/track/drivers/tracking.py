@@ -48,20 +48,23 @@ class TrackingTask(Generic[Config]):
     reject_outliers: bool = False
 
     def rows(self, scene: Scene) -> BearingRows:
-        """Which rows of the bearings to use."""
+        """Return which rows of the bearings of a scene are to be used."""
         used = frozenset(sensor_names(scene)) if self.sensors is None else self.sensors
         return BearingRows(used, self.targets, self.unlabelled)
 
     def scans(
         self, bearings: Iterable[Bearings], scene: Scene, measured: DistanceMeasurementFeed | None
     ) -> Iterator[Scan]:
-        """Scans of the chosen rows, with measurements other than directions."""
+        """Generate the scans of the rows to be used, joined with measurements other than directions, if any."""
         scans = scans_of(bearings, scene, self.rows(scene), self.window_ns)
         return scans if measured is None else measured.joined(scans, self.sensors, self.targets, self.window_ns)
 
 
 def check_start(started: bool, target: int, others: Collection[int]) -> None:
-    """Raise UsageError if the settings fix a start position and more than one target is tracked."""
+    """Raise UsageError if the settings fix a start position and target `target` is not the only one.
+
+    `started`: they fix one; `others` are the targets that were begun before.
+    """
     if started and others:
         raise UsageError(
             f"start is the position of one target, but there is target {target} in addition to "
@@ -75,7 +78,10 @@ def feed_of(
     method: Online[State, Config] | Batch[State, Config],
     tracking: TrackingTask[Config],
 ) -> OccluderFeed | None:
-    """Return the feed of moving-occluder priors, None without any; UsageError if the method cannot use them."""
+    """Return the feed of priors of moving occluders for the method; None if there are none.
+
+    UsageError if the method cannot use them.
+    """
     if occluders is None:
         return None
     if method.occluders is None:
