@@ -56,7 +56,7 @@ def switch_probability(distance: float, ratio: float) -> float:
 
 @dataclass
 class _Encounter:
-    """An ongoing close encounter of two people."""
+    """An ongoing close encounter of two people: their states when last distinguished, and how near they came."""
 
     t_ns: int  # when they were last distinguished
     means: Floats  # (2, 6) their states then
@@ -110,7 +110,11 @@ class CloseEncounters:
         return tuple(events)
 
     def _compare(self, meeting: _Encounter, snapshot: TrackSnapshot, both: list[int]) -> None:
-        """Update the log likelihood ratio of an encounter, when a camera detects each of the two people separately."""
+        """Update the log likelihood ratio of an encounter when cameras have a box of each of the two people alone.
+
+        `both` are their indices in the snapshot; their states there become the last ones at which they were
+        distinguished.
+        """
         means, covariances = snapshot.mean[both], snapshot.covariance[both]
         passed = (snapshot.t_ns - meeting.t_ns) / NS
         if passed > 0:
@@ -135,7 +139,7 @@ def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
 
 
 def _alone(support: BoxAssociations, people: int) -> Floats:
-    """(m, C) probability that camera C has a box of person m alone (not merged with another person)."""
+    """(m, C) sum of probabilities that camera C has a box of person m alone, not merged; m = `people`."""
     cameras = int(support.camera.max(initial=-1)) + 1
     out = np.zeros((people, cameras))
     np.add.at(out, (support.person, support.camera), support.probability - support.joint)

@@ -374,7 +374,10 @@ def _joined(parts: Sequence[DetectionFrameRows]) -> DetectionFrameRows:
 def _detections_of_frame(
     rows: DetectionFrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: BoxStatistics
 ) -> FrameDetectionsWithIds:
-    """Build the detections of one frame of camera `c` from its rows."""
+    """Build the detections of one frame of camera `c` from its rows, and count them in `tally`.
+
+    Boxes outside the image, and repeated ones, are omitted. `row` (R,) are the numbers of the rows in the table.
+    """
     there = rows.number >= 0
     outside = there & _outside(rows.edges, cameras[c])
     kept = np.flatnonzero(there & ~outside)
@@ -396,7 +399,7 @@ def _detections_of_frame(
 
 
 def _outside(edges: Floats, camera: Camera) -> Bools:
-    """(R,) mask of the boxes that lie entirely outside the image; all False if the image size is unknown."""
+    """(R,) booleans: the box (`edges`, (R, 4)) lies entirely outside the image; all False if the size is unknown."""
     if camera.image_size is None:
         return np.zeros(len(edges), dtype=np.bool_)
     w, h = camera.image_size

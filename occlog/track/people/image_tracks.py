@@ -90,7 +90,7 @@ class Identities:
     """Maps the identities of each camera's tracker to numbers that are unique over all cameras."""
 
     def __init__(self) -> None:
-        """Create an empty map."""
+        """Start without identities."""
         self._numbers: dict[tuple[int, int], int] = {}
         self._shown: set[int] = set()
 
@@ -166,7 +166,7 @@ def _boxes(kept: Sequence[tuple[int, Floats, Floats]], row: int) -> Boxes:
 
 
 def _smoothed(trackers: Sequence[CameraTracks], numbers: Identities) -> ImageTracksPart:
-    """Smoothed tracks and events of all cameras."""
+    """Return the smoothed tracks and the events of all cameras; `numbers` makes identities unique over them."""
     rows: list[Rows] = []
     events: list[EventRow] = []
     for camera, tracker in enumerate(trackers):
@@ -215,7 +215,7 @@ def _with_visibility(tracks: PeopleViews) -> PeopleViews:
 
 
 def _rows_of(found: FrameTracks, sensor: str, camera: int, numbers: Identities) -> Rows:
-    """Rows of the tracks of one frame of a camera, with unique identities."""
+    """Return rows of the tracks of one frame of camera `camera` (index), named `sensor`, with unique identities."""
     ids = numbers.of(camera, found.id.tolist())
     n = len(ids)
     return Rows(

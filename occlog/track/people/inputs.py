@@ -77,7 +77,7 @@ def inconsistent_cameras(heights: Floats) -> Mapping[int, float]:
 
 
 def in_units_of(config: S, metre: float) -> S:
-    """Convert all lengths of the settings from metres to the scene's unit."""
+    """Return the settings with all lengths converted from metres to the scene's unit; `metre` is one metre in it."""
     changed = {}
     for f in declared(type(config)):
         power, value = LENGTH_POWER.get(declaration(f).unit, 0), getattr(config, f.name)

@@ -93,7 +93,7 @@ def split_tracks(track: Ints32, t_ns: Ints, cuts: Sequence[TrackSplit]) -> Track
 
 
 class FragmentNames(NamedTuple):
-    """Identities assigned to P fragments."""
+    """Identities assigned to P fragments of tracks, with their probabilities."""
 
     name: Ints32  # (P,)
     probability: Floats  # (P,) that the person of the gallery is it; NaN: not enough boxes
@@ -211,7 +211,10 @@ def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -
 def reidentification_events(
     pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> list[tuple[int, str, int, int, float]]:
-    """Events `reidentified` of the fragments that begin between two times and are identified by their boxes."""
+    """Return events `reidentified`, as rows, of fragments that were identified by boxes.
+
+    Fragments begin from `first_ns` to `last_ns`. A row is time, kind, identity, -1, and probability.
+    """
     now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
     return [
         (int(pieces.first_ns[p]), REIDENTIFICATION_EVENT, int(names.name[p]), -1, float(names.probability[p]))
@@ -322,7 +325,10 @@ class GalleryReidentification:
                 yield _renamed(part, pieces, names, first_ns, last_ns)
 
     def _names(self, rows: _TrackRows, pieces: TrackFragments) -> FragmentNames:
-        """Compare the boxes with the gallery, and return the identities of the fragments."""
+        """Compare the boxes with the gallery, and return the identities of the fragments.
+
+        Figures of the summary are kept.
+        """
         tally = EvidenceTally()
         table = Boxes if self._inputs.opened.has(Boxes) else Views
         frames = boxes_of_frames(self._inputs.opened.rows(table))  # type: ignore[arg-type]
@@ -401,7 +407,7 @@ def _tracks(rows: _TrackRows) -> Tracks:
 
 
 def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...]) -> Iterator[FrameBoxes]:
-    """Generate boxes with the track that is associated with each (-1: none), for the cameras in use."""
+    """Generate the boxes of frames of the cameras `names`, each with its associated track (-1: none)."""
     order = np.lexsort((rows.frame, rows.camera))
     camera, frame = rows.camera[order], rows.frame[order]
     starts = np.searchsorted(camera, np.arange(len(names) + 1))
@@ -420,7 +426,10 @@ def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...
 def _renamed(
     part: SnapshotTables, pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> SnapshotTables:
-    """A part with the new identities, and events `reidentified` of the fragments that begin between two times."""
+    """Return a part with the new identities and their events `reidentified`.
+
+    These are of fragments that begin from `first_ns` to `last_ns`.
+    """
     events = named_events(part.events, pieces, names)
     named = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))
     support, views = part.support, part.views

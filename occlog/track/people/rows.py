@@ -52,7 +52,7 @@ class SnapshotTables(NamedTuple):
 
 
 def detection_probability_by_camera(snapshot: TrackSnapshot, cameras: int) -> Floats:
-    """(m, C) probability that camera C has a box of person m, by the associations of one time step."""
+    """(m, C) probability that camera C has a box of person m, by the associations of one time step; C = `cameras`."""
     seen = np.zeros((len(snapshot.ids), cameras))
     np.add.at(seen, (snapshot.support.person, snapshot.support.camera), snapshot.support.probability)
     return np.minimum(seen, 1.0)
@@ -91,7 +91,10 @@ def tracks_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str], came
 
 
 def associations_of(seen: Sequence[SnapshotWithDetections], names: Sequence[str]) -> Associations:
-    """Table `support`: a row for each box associated with a track."""
+    """Return the associations table: a row for each box associated with a track.
+
+    `names` are those of the cameras and position sensors, by index.
+    """
     parts = [each for each in seen if len(each.snapshot.support.row)]
     if not parts:
         return Associations.empty()
@@ -119,12 +122,12 @@ def _numbers(each: SnapshotWithDetections) -> tuple[Ints, Ints]:
 
 
 def events_of(seen: Sequence[SnapshotWithDetections]) -> Events:
-    """Table `events`: a row for each event."""
+    """Return the events table: a row for each event of the time steps."""
     return Events.of_rows((each.snapshot.t_ns, *event) for each in seen for event in each.snapshot.events)
 
 
 class ViewRows(NamedTuple):
-    """Columns of n people in frames."""
+    """Rows of n people in frames, as columns."""
 
     t_ns: Ints  # (n,)
     camera: Ints  # (n,)
@@ -214,7 +217,10 @@ class TracksInViews:
         return table.sorted()
 
     def _in_frame(self, snapshot: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
-        """Rows of all tracks in one frame: projected from the ground plane, and combined with the detected boxes."""
+        """Return rows of all tracks in one frame.
+
+        They are projected from the ground plane, and combined with the detected boxes.
+        """
         frame, c = each.detections, each.detections.camera
         there = np.flatnonzero(np.isfinite(snapshot.visibility[:, c]))
         # Project the people on the floor to the time of the frame

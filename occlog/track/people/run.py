@@ -53,7 +53,7 @@ class _Counts:
     """Counts and checks that the summaries of tracks on the ground and in the images have in common."""
 
     def __init__(self, inputs: PeopleInput) -> None:
-        """Start all counts at 0."""
+        """Start with all counts at 0."""
         self.inputs = inputs
         self.people: set[int] = set()
         self.rows = self.unseen = 0
@@ -145,7 +145,7 @@ class PeopleSummary(_Counts):
     """Counts over a stream of tables for the figures and checks of the summary of tracks on the ground."""
 
     def __init__(self, inputs: PeopleInput, agreement: CameraAgreement) -> None:
-        """Start all counts at 0."""
+        """Start with all counts at 0; `agreement` counts, for the checks, what cameras have in common."""
         super().__init__(inputs)
         self.agreement = agreement
         self.speeds = PeopleSpeeds(agreement.person_height)
@@ -296,7 +296,7 @@ class ImageSummary(_Counts):
     """Counts over a stream of tables for the figures and checks of the summary of tracks in the images."""
 
     def add(self, part: ImageTracksPart) -> None:
-        """Add rows to the counts."""
+        """Add the rows and events of a part to the counts."""
         self.people.update(part.tracks.target_id.tolist())
         self.rows += len(part.tracks)
         keys = np.rec.fromarrays([part.tracks.t_ns, part.tracks.sensor])
@@ -329,7 +329,10 @@ class ImageSummary(_Counts):
 
 
 def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Track in the image of each camera, and write the tables; return the summary and the losses of earlier steps."""
+    """Track in the image of each camera as requested, and write the tables.
+
+    Return the figures of the summary, and the losses of earlier steps. UsageError for a window.
+    """
     if request.window is not None:
         raise UsageError(
             f"{option('window')}: method {request.method} takes each frame of a camera by itself", id="not-applicable"
@@ -352,7 +355,10 @@ def run_track_in_images(request: TrackInImagesRequest, job: Job) -> tuple[dict[s
 
 
 def run_track_people(request: TrackPeopleRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Track all people on the ground, and write the tables; return the summary and the losses of earlier steps."""
+    """Track all people on the ground as requested, and write the tables.
+
+    Return the figures of the summary, and the losses of earlier steps.
+    """
     inputs = PeopleInput(request)
     for line in inputs.notes:
         job.note(line)

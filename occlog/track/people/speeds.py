@@ -41,7 +41,7 @@ class PeopleSpeeds:
         self._tracks: dict[int, Floats] = {}
 
     def add(self, tracks: PeopleTracks) -> None:
-        """Add rows of tracks."""
+        """Add rows of tracks to the speeds, extents and durations."""
         if not len(tracks):
             return
         speed = np.hypot(tracks.vx, tracks.vy) / self.height

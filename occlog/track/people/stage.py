@@ -141,7 +141,11 @@ def _steps(
     heard: Iterable[DirectionsOfArrival],
     at_end: Callable[[State], None] | None = None,
 ) -> Iterator[tuple[State, SnapshotWithDetections]]:
-    """Filter each time step, after updating with the directions of arrival since the previous step."""
+    """Filter each time step, after an update with the directions of arrival since the previous one.
+
+    Generate the state and the tracks after each. `heard` are the directions in the order of time; `at_end` receives the
+    last state.
+    """
     sounds = iter(heard)
     sound = next(sounds, None)
     for frames in steps:
@@ -161,7 +165,7 @@ def _reported(
     config: JipdaConfig,
     seed: int,
 ) -> Iterator[SnapshotWithDetections]:
-    """Generate the result of each time step, immediately or after fixed-lag smoothing."""
+    """Generate the result of each time step, immediately or after smoothing; `seed` is that of the smoother's draws."""
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)
         return
@@ -202,7 +206,7 @@ class Tabulator:
         self.agreement = CameraAgreement(cameras, person_height, room)
 
     def tables(self, seen: Sequence[SnapshotWithDetections]) -> SnapshotTables:
-        """Output tables of some time steps."""
+        """Return the output tables of some time steps, and count their detections."""
         for each in seen:
             self.agreement.add(each.snapshot, each.frames)
         return SnapshotTables(

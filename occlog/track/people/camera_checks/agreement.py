@@ -93,7 +93,7 @@ class CameraAgreement:
         self.common_sigma, self.common_time_s = float("nan"), float("nan")
 
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds]) -> None:
-        """Add the tracks and detections of one time step to the counts."""
+        """Add the tracks of one time step, and the detections of its frames, to the counts."""
         if snapshot.detectors is not None:
             self.common_sigma, self.common_time_s = snapshot.detectors.common_sigma, snapshot.detectors.common_time_s
             self.static = np.maximum(self.static, snapshot.detectors.static_clutter)
@@ -247,7 +247,10 @@ class CameraAgreement:
                 )
 
     def _causes(self, checks: Sequence[Check], unit: str) -> Iterator[Check]:
-        """State the mistakes that explain why boxes of cameras do not fit, or else errors of calibrations."""
+        """Generate the mistakes that explain why boxes of cameras do not fit, or else errors of calibrations.
+
+        `checks` are the findings of the other checks, `unit` is the length unit for messages.
+        """
         mistakes = self._faults.found(unit, doubtful=any(check.status == "failed" for check in checks))
         for each in mistakes:
             names = [self.names[c] for c in each.cameras]
@@ -339,7 +342,10 @@ class CameraAgreement:
                 yield finding(ROTATED, "camera-rotated", severity, sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
-        """Report cameras that have no time in common with any other camera."""
+        """Report cameras that have no time in common with any other camera.
+
+        `first_ns` and `last_ns` (C,) are the times of each camera's first and last frame; below 0: it has none.
+        """
         there = np.flatnonzero(first_ns >= 0)
         for c in there.tolist():
             others = there[there != c]
@@ -362,7 +368,7 @@ def _spots(boxes: Floats) -> list[tuple[int, int]]:
 
 
 def distance_outside(xy: Floats, room: Floats) -> Floats:
-    """(n,) distance of points (n, 2) from the polygon (K, 2); 0 inside."""
+    """(n,) distances of points `xy` (n, 2) from the polygon `room` (K, 2); 0 inside."""
     start, along = room, np.roll(room, -1, axis=0) - room
     to = xy[:, None] - start
     share = np.clip(np.sum(to * along, axis=-1) / np.maximum(np.sum(along**2, axis=-1), 1e-30), 0.0, 1.0)
@@ -373,6 +379,6 @@ def distance_outside(xy: Floats, room: Floats) -> Floats:
 def _of_boxes(name: str, id: str, count: int, boxes: int, allowed: float) -> Check:
     """Return finding `id` about the boxes of the camera `name`.
 
-    `count` of its `boxes` have a fault; a share `allowed` is acceptable.
+    `count` of its `boxes` have a fault; a share `allowed`, 0 to 1, is acceptable.
     """
     return finding(BOXES, id, sensors=[name], count=int(count), boxes=int(boxes), share=count / boxes, allowed=allowed)

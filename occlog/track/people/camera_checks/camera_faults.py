@@ -188,7 +188,7 @@ class CameraFaults:
         return person_heights([*boxes], self._cameras)
 
     def gaps(self) -> list[Gap]:
-        """The longest interval without boxes of each camera that has one."""
+        """The longest interval without boxes of each camera that has one while others detect people in its view."""
         return self._search.gaps() if self._compared else []
 
     @property
@@ -523,13 +523,13 @@ class _Search:
 
 
 def _rotation_words(view: BoxesOfCamera, angles: Floats) -> str:
-    """Description of a rotation of a camera by yaw and pitch (2,) [rad] for a message."""
+    """Description, for a message, of a rotation of the camera by `angles` (2,): yaw and pitch [rad]."""
     yaw_deg, pitch_deg = np.degrees(angles)
     return f"{view.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
 
 
 def _rotated(view: BoxesOfCamera, angles: Floats) -> BoxesOfCamera:
-    """Rotate the camera by yaw and pitch (2,) [rad] about its own axes."""
+    """Return the camera rotated by `angles` (2,), yaw and pitch [rad], as a shift of its principal point."""
     camera = view.camera
     return view._replace(camera=replace(camera, principal_px=camera.principal_px + angles * camera.focal_px))
 
@@ -624,7 +624,10 @@ def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
 
 
 def _differences(view: BoxesOfCamera, expected: Floats, steps: Ints) -> Floats:
-    """(n, 2) offsets [px] of box centres from centres of expected boxes (m, 4), for pairs of the same time step."""
+    """(k, 2) offsets [px] of box centres from centres of expected boxes, for all pairs of one time step.
+
+    `expected` (m, 4) are expected boxes, `steps` (m,) their time steps.
+    """
     whom, box = paired_rows(steps, view.steps)
     middles = [0.5 * (each[:, :2] + each[:, 2:]) for each in (view.boxes[box], expected[whom])]
     apart = middles[0] - middles[1]

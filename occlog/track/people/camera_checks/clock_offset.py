@@ -29,15 +29,18 @@ MIN_ASSOCIATED_SHARE, MIN_SHARE_GAIN = 0.5, 0.2
 
 
 class _Spread:
-    """Evenly spaced subset of a camera's frames."""
+    """Evenly spaced subset of one camera's frames: times and middles of the boxes."""
 
     def __init__(self) -> None:
-        """Start without data."""
+        """Start without frames."""
         self.kept: list[tuple[int, Floats]] = []  # times [ns], (n, 2) middles of boxes [px]
         self._every, self._count = 1, 0
 
     def add(self, t_ns: int, middles: Floats) -> None:
-        """Add a frame; an evenly spaced subset of at most twice `MAX_FRAMES` frames is kept."""
+        """Add a frame with the middles of its boxes (n, 2) [px].
+
+        At most twice `MAX_FRAMES` frames are kept, evenly spaced.
+        """
         if self._count % self._every == 0:
             self.kept.append((t_ns, middles))
             if len(self.kept) > 2 * MAX_FRAMES:
@@ -50,7 +53,7 @@ class ClockOffsetSearch:
     """Keeps tracks and boxes from the beginning of a recording, to search for clock offsets of cameras."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
-        """Start without people and boxes."""
+        """Start without people and boxes, for the cameras that frames refer to by index."""
         self._cameras = cameras
         self._t_ns: list[int] = []
         # This is most of what a run keeps for minutes, so it is kept small
@@ -59,7 +62,7 @@ class ClockOffsetSearch:
         self._frames = [_Spread() for _ in cameras]
 
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
-        """Keep a time step; `by` (m, C) masks the cameras with a box of each person."""
+        """Keep the people and boxes of a time step; `by` (m, C): the camera has a box of the person."""
         if len(self._t_ns) >= MAX_STEPS:
             return
         self._t_ns.append(snapshot.t_ns)

@@ -225,7 +225,7 @@ def _parameters(cameras: Sequence[int], kind: int) -> Ints:
 
 
 def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
-    """(K, K) prior covariance of a hypothesised error; an error of several cameras is the same in all of them."""
+    """(K, K) prior covariance of a hypothesised error of `kind`, K = `count`; in several cameras it is equal."""
     out = np.zeros((count, count))
     for k, own in enumerate(_parameters(cameras, kind).T):
         out[np.ix_(own, own)] = FAULT[kind + k] ** 2
@@ -282,14 +282,20 @@ def lens_offset(view: BoxesOfCamera, coefficient: float) -> float:
 
 
 def lens_matters(view: BoxesOfCamera, coefficient: float, *, shared: bool) -> bool:
-    """Whether a radial error exceeds the errors of boxes and is small enough for a lens."""
+    """Return whether a radial error exceeds the errors of boxes and is small enough for a lens.
+
+    `coefficient` is that of `lens_offset`; `shared`: all cameras have the error, for which the limit is higher.
+    """
     tall = float(np.median(view.boxes[:, 3] - view.boxes[:, 1]))
     least = MIN_SHARED_HEIGHTS if shared else MIN_OFFSET_HEIGHTS
     return abs(lens_offset(view, coefficient)) > least * tall and abs(coefficient) < MAX_RADIAL
 
 
 def without_radial_error(view: BoxesOfCamera, coefficient: float) -> BoxesOfCamera:
-    """The camera with boxes as they would be if images had the distortion that the calibration states."""
+    """Return the camera with boxes as they would be if images had the distortion that the calibration states.
+
+    `coefficient` is the radial error, as in `lens_offset`.
+    """
     camera = view.camera
     xy = ideal(camera, _edge_middles(view.boxes))
     xy = xy * (1.0 + coefficient * (xy**2).sum(axis=1, keepdims=True))
@@ -309,7 +315,14 @@ class _LocatingCamera:
     """A camera, feet and heads of people in its boxes (normalised image), and the positions of these people."""
 
     def __init__(self, view: BoxesOfCamera, t_ns: Ints, person_height: float, every: int) -> None:
-        """Select the boxes that locate a person, and compute positions and velocities of the people."""
+        """Select the boxes that locate a person, and compute positions and velocities of the people.
+
+        Args:
+            view: camera with its boxes.
+            t_ns: (T,) times of the time steps.
+            person_height: in the scene's unit.
+            every: step between the time steps with boxes that count.
+        """
         self.camera, self.height = view.camera, person_height
         people = located(view, person_height)
         known = np.isfinite(people).all(axis=1)
@@ -353,7 +366,10 @@ class _LocatingCamera:
         return np.asarray(at[..., :2] / at[..., 2:])
 
     def slopes(self, ends: Floats, velocities: Floats) -> Floats:
-        """(n, 3, 8) derivatives of x, y and height of people by the parameters, per prior standard deviation."""
+        """(n, 3, 8) derivatives of x, y and height of people by the parameters, per prior standard deviation.
+
+        `ends` (2, n, 2) are feet and heads in the normalised image, `velocities` (n, 2) those of the people.
+        """
         steps = STEP * np.eye(len(PRIOR))[:, None]
         apart = self.located(ends, steps) - self.located(ends, -steps)
         out = np.moveaxis(apart, 0, 2) / (2.0 * STEP)
@@ -361,7 +377,10 @@ class _LocatingCamera:
         return np.asarray(out * PRIOR)
 
     def covariance(self, ends: Floats) -> Floats:
-        """(n, 3, 3) covariance of x, y and height of people due to errors of box edges and posture."""
+        """(n, 3, 3) covariances of x, y and height of people due to errors of box edges and posture.
+
+        `ends` (2, n, 2) are feet and heads in the normalised image.
+        """
         none = np.zeros(len(PRIOR))
         sigma = np.hypot(EDGE_PX / self.camera.focal_px.mean(), EDGE_SHARE * (ends[0, :, 1] - ends[1, :, 1]))
         moves = (
@@ -410,7 +429,10 @@ def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_heig
 
 
 def _positions_by_step(people: Floats, steps: Ints, count: int, first: int) -> Floats:
-    """(T, most people, 2) positions by time step, padded with NaN; index 0 is the time step -`first`."""
+    """(T, most people, 2) positions by time step, T = `count`, padded with NaN; index 0 is time step -`first`.
+
+    `people` (m, 2) are positions, `steps` (m,) their time steps.
+    """
     counts = np.bincount(steps + first, minlength=count)
     out = np.full((count, int(counts.max(initial=0)), 2), np.nan)
     order = np.argsort(steps, kind="stable")

@@ -123,7 +123,10 @@ def clearly_larger(a: Overlap, b: Overlap) -> bool:
 
 
 def located(view: BoxesOfCamera, person_height: float) -> Floats:
-    """(n, 4) x, y, height and width of the person in each box, located by this camera alone; NaN if not located."""
+    """(n, 4) x, y, height and width of the person in each box, located by this camera alone; NaN if not located.
+
+    `person_height` is the mean height, in the scene's unit; heights far from it are not those of people.
+    """
     boxes, camera, size = view.boxes, view.camera, view.size
     out = np.full((len(boxes), 4), np.nan)
     if not len(boxes):
@@ -267,14 +270,17 @@ def overlap(
 
 
 def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[Overlap]:
-    """Overlaps of each camera with all others."""
+    """Return the overlaps of each camera with all others, for `steps` time steps.
+
+    `person_height` is in the scene's unit.
+    """
     pairs = [(a, b) for a in range(len(views)) for b in range(len(views)) if a != b]
     found = _of_pairs(views, pairs, steps, person_height)
     return [merged([part for pair, part in found.items() if c in pair]) for c in range(len(views))]
 
 
 def merged(parts: Sequence[Overlap]) -> Overlap:
-    """Concatenate overlaps."""
+    """Return several overlaps as one, in their order."""
     nothing = Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     return Overlap(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
@@ -282,7 +288,10 @@ def merged(parts: Sequence[Overlap]) -> Overlap:
 def _of_pairs(
     views: Sequence[BoxesOfCamera], pairs: Sequence[tuple[int, int]], steps: int, person_height: float
 ) -> dict[tuple[int, int], Overlap]:
-    """Overlaps of people located by the first camera of each pair with boxes of the second, by pair."""
+    """Return, by pair (a, b), the overlaps of people located by camera a with the boxes of camera b.
+
+    `pairs` are indices of `views`, `steps` is the number of time steps, `person_height` in the scene's unit.
+    """
     people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
     padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
     return {(a, b): _expected(views[a], people[a], views[b], padded[b]) for a, b in pairs}
@@ -310,7 +319,7 @@ def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, ther
 
 
 def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
-    """(T, most boxes, 4) boxes by time step, padded with NaN."""
+    """(T, most boxes, 4) boxes of a camera by time step, T = `steps`, padded with NaN."""
     counts = np.bincount(view.steps, minlength=steps)
     out = np.full((steps, max(int(counts.max(initial=0)), 1), 4), np.nan)
     order = np.argsort(view.steps, kind="stable")
@@ -337,7 +346,7 @@ def _largest(boxes: Floats, others: Floats) -> Floats:
 
 
 def paired_rows(first: Ints, second: Ints) -> tuple[Ints, Ints]:
-    """Indices (i, j) of all pairs of rows with the same time step, of time steps (n,) and (m,)."""
+    """Indices (i, j), each (k,), of all pairs of rows with equal time steps, of `first` (n,) and `second` (m,)."""
     order = np.argsort(second, kind="stable")
     when = second[order]
     low, high = np.searchsorted(when, first, "left"), np.searchsorted(when, first, "right")
