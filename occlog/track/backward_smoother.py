@@ -21,14 +21,14 @@ class SmoothableRow(Protocol):
 
     @property
     def target(self) -> int:
-        """Identity of the target."""
+        """Return the identity of the target."""
 
     @property
     def t_ns(self) -> int:
-        """Time of the estimate."""
+        """Return the time of the estimate [ns]."""
 
     def smoothed(self, past: SmoothedState) -> Self:
-        """Return this row with a smoothed state."""
+        """Return this row with the smoothed state `past` in place of the filtered one."""
 
 
 Row = TypeVar("Row", bound=SmoothableRow)
@@ -46,12 +46,12 @@ class BackwardSmoother(Generic[State, Config, Row]):
     """Buffer of all targets' filtered rows, which are smoothed once later scans are available."""
 
     def __init__(self, smoothing: Smoothing[State, Config], config: Config, seed: int) -> None:
-        """Start with an empty buffer.
+        """Start without rows.
 
         Args:
-            smoothing: the method's.
+            smoothing: functions of the method: trace of a step, and backward pass.
             config: settings of the method.
-            seed: of all random numbers.
+            seed: of all random numbers; each target has its own stream.
         """
         self._smoothing, self._config, self._seed = smoothing, config, seed
         self._lag_ns = smoothing.wanted(config).lag_ns
@@ -59,7 +59,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
         self._ready: list[Row] = []
 
     def add(self, row: Row, state: State) -> None:
-        """Append a target's filtered row and the filter state after it."""
+        """Append a target's filtered row, and the trace of the filter's state after it."""
         if row.target not in self._waiting:
             rng = generator(self._seed, RandomStream.SMOOTH, row.target)
             self._waiting[row.target] = PendingRows([], [], rng)
@@ -68,7 +68,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
         own.traces.append(self._smoothing.trace(state))
 
     def settled(self, now_ns: int) -> list[Row]:
-        """Return the rows older than the lag, smoothed, of all targets in time order.
+        """Return the rows that are final by `now_ns` (time of the last scan), smoothed, of all targets in time order.
 
         Rows of one target are smoothed once they span `WINDOW_LAGS` lags; those older than one lag are released. All
         rows of a target are released when it had no scan for `WINDOW_LAGS` lags. With more than `MAX_SMOOTHING_STEPS`
@@ -97,7 +97,7 @@ class BackwardSmoother(Generic[State, Config, Row]):
         return self._until(None)
 
     def _release(self, target: int, count: int) -> None:
-        """Smooth all buffered rows of a target and release the first `count`."""
+        """Smooth all buffered rows of a target, and release the first `count` of them."""
         own = self._waiting[target]
         found = self._smoothing.back(own.traces, self._config, own.rng)
         for row, past in zip(own.rows[:count], found[:count], strict=True):
@@ -121,7 +121,13 @@ class BackwardSmoother(Generic[State, Config, Row]):
 def backward_smoother(
     smoothing: Smoothing[State, Config] | None, config: Config, seed: int
 ) -> BackwardSmoother[State, Config, Row] | None:
-    """Return the buffer for smoothing; None if the method has no smoother or the settings disable smoothing."""
+    """Return the buffer for smoothing; None if the method has no smoother or the settings disable smoothing.
+
+    Args:
+        smoothing: functions of the method; None: it has no smoother.
+        config: settings of the method.
+        seed: of all random numbers.
+    """
     if smoothing is None or not smoothing.wanted(config).smoothed:
         return None
     return BackwardSmoother(smoothing, config, seed)

@@ -263,21 +263,21 @@ METHODS = Methods(OURS)
 
 
 def entry(name: str) -> MethodEntry:
-    """Return the table entry of a method; UsageError names the closest method, or all methods."""
+    """Return the table entry of the method `name`; UsageError, with similar names, for an unknown one."""
     if name not in METHODS:
         raise UsageError(f"no tracking method {name!r}; {did_you_mean(name, METHODS)}", id="unknown-name")
     return METHODS[name]
 
 
 def settings_of(name: str) -> type[Settings]:
-    """Return the settings class of a method by importing its `config.py` only."""
+    """Return the settings class of the method `name`, by an import of its `config.py` only."""
     plugin = entry(name).plugin
     found: type[Settings] = load(METHODS[name].settings) if plugin is None else plugin.load().settings
     return found
 
 
 def tracker(name: str) -> AnyMethod:
-    """Return the bearing-tracking method of that name; UsageError lists the available ones."""
+    """Return the method `name`, which tracks by bearings; UsageError with all such methods for any other name."""
     if name not in METHODS or METHODS[name].takes_in != BEARINGS:
         in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}", id="unknown-name")
@@ -291,14 +291,15 @@ def tracker(name: str) -> AnyMethod:
 
 
 def method_for(path: Path | str, scene: Path | str | None = None) -> str:
-    """The method that fits what a file holds: bearings and measurements `apf`, reads of tags `virtual`, boxes `jipda`.
+    """Return the name of the method that fits what a file holds.
 
-    For boxes of cameras without a calibration it is `sort`.
-    A file that cannot be opened has the default, and the method then reports what is wrong with it.
+    It is `apf` for bearings and measurements, `virtual` for reads of tags, `jipda` for boxes or positions, and `sort`
+    for boxes of cameras without a calibration. For a file that cannot be opened it is the default, and the method then
+    reports what is wrong with the file.
 
     Args:
         path: the file.
-        scene: file of a scene that is given with it.
+        scene: file of a scene that is given with it; None: its own.
     """
     from occlog.io.open import held
     from occlog.records.tables import Bearings, Boxes, Measurements, Positions, Reads, Views
@@ -313,7 +314,10 @@ def method_for(path: Path | str, scene: Path | str | None = None) -> str:
 
 
 def _calibrated(path: Path, scene: Path | None) -> bool:
-    """Return whether the cameras of the boxes have poses: stated in the scene, or in the file's bearings."""
+    """Return whether the cameras of the boxes in `path` have poses: in the file `scene`, or else in `path` itself.
+
+    True if a file cannot be opened.
+    """
     from occlog.errors import OcclogError
     from occlog.io.open import open_input, scene_in
     from occlog.records.tables import Boxes, Views
@@ -335,8 +339,8 @@ def smooths(command: str, parameters: Mapping[str, object]) -> bool:
     """Return whether a command with these parameters makes smoothed tracks (estimates that use later measurements).
 
     Args:
-        command: as the tracks' provenance names it.
-        parameters: likewise.
+        command: name of the command in the provenance of the tracks.
+        parameters: its parameters there, by name.
     """
     if command != "track":
         return False
@@ -355,7 +359,7 @@ REQUESTS: Mapping[str, type[Request]] = {
 
 
 def form_of(method: str) -> Form:
-    """Return the request class of a method; UsageError for an unknown method."""
+    """Return the form of a method's request, with its options and settings; UsageError for an unknown method."""
     found = entry(method)
     around = (load("occlog.track.methods.images.initiation.config:ViewsConfig"),) if found.images else ()
     shared = (each.name for each in Form(TrackRequestBase).entries())
@@ -364,7 +368,7 @@ def form_of(method: str) -> Form:
 
 
 def _plugged_kinds() -> dict[str, VerbKind]:
-    """Return the methods of installed plug-ins."""
+    """Return the methods of installed plug-ins by name, except those with the name of a built-in one."""
     from occlog.plugins.loading import METHOD, VIEW_TRACKER, installed
 
     plugins = (*installed(METHOD), *installed(VIEW_TRACKER))
@@ -430,7 +434,7 @@ _ABOUT = {
 
 
 def about(name: str) -> str:
-    """Return the help paragraphs of a built-in method, with an example."""
+    """Return the paragraphs of the help of the built-in method `name`, with an example."""
     if name in _ABOUT:
         return _ABOUT[name]
     each = OURS[name]

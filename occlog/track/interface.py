@@ -33,21 +33,21 @@ class HeightEstimate(NamedTuple):
 
 
 class ParticleSet(NamedTuple):
-    """L weighted particles (L, 2) of a target's position."""
+    """L weighted particles of a target's position."""
 
     xy: Floats  # (L, 2)
     weights: Floats  # (L,), sum 1
 
 
 class SensorErrors(NamedTuple):
-    """Estimated pose errors of the sensors, true minus stated: x, y [scene units], yaw [rad]."""
+    """Estimated pose errors of S sensors, true minus stated: x and y in the scene's unit, and yaw [rad]."""
 
     mean: Floats  # (S, 3) dx, dy, dyaw [rad]
     deviation: Floats  # (S, 3) standard deviations
 
 
 class BearingResiduals(NamedTuple):
-    """Normalised residuals of n bearings, from the estimates."""
+    """Normalised residuals of n bearings from the estimates, and whether the bearings are true."""
 
     row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
     sensor: Ints  # (n,) index in `sensor_names`
@@ -64,7 +64,7 @@ class NoiseScales(NamedTuple):
 
 
 class StationBias(NamedTuple):
-    """Estimated constant range error of a station."""
+    """Estimated constant range error of one station, in the scene's unit."""
 
     station: int
     bias: float  # by how much they are too long
@@ -148,9 +148,9 @@ class TargetPredictor(NamedTuple, Generic[State, Config]):
 
 
 class Smoothing(NamedTuple, Generic[State, Config]):
-    """How a filter's estimates are improved by what was seen after them.
+    """How a filter's estimates are improved by later measurements.
 
-    What a step leaves for the way back, its trace, is of a type that the method alone knows.
+    What a step leaves for the backward pass, its trace, is of a type that the method alone knows.
     """
 
     wanted: Callable[[Config], LagConfig]  # whether and how
@@ -161,7 +161,7 @@ class Smoothing(NamedTuple, Generic[State, Config]):
 
 
 class Online(NamedTuple, Generic[State, Config]):
-    """A method that takes in one scan of one target after the other."""
+    """A method with one state for each target, which processes one scan after the other."""
 
     config: type[Config]
     init: Callable[[Scene, Config, Generator], State]

@@ -23,7 +23,18 @@ class PluggedFilter:
     """A tracking filter of a plug-in, with the names and positions of the sensors."""
 
     def __init__(self, plugin: Plugin, of: type[Filter], scene: Scene, config: Settings, rng: Generator) -> None:
-        """Create the plug-in's filter; PluginError if it fails."""
+        """Create the plug-in's filter.
+
+        Args:
+            plugin: that the filter is from; errors name it.
+            of: class of the filter.
+            scene: scene with the sensors, in its own unit.
+            config: settings of the filter.
+            rng: for all random numbers of the filter.
+
+        Raises:
+            PluginError: the filter cannot be created.
+        """
         self._plugin = plugin
         self._names = sensor_names(scene)
         positions = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
@@ -33,6 +44,8 @@ class PluggedFilter:
 
     def step(self, scan: Scan) -> Estimate | None:
         """Process a scan; return the estimate, or None if the filter returns none.
+
+        The estimate's log likelihood is that of the bearings at the estimated position.
 
         Raises:
             PluginError: the filter fails, or returns an invalid position.
@@ -74,7 +87,7 @@ class PluggedFilter:
 
 
 def fault_of(position: object) -> str | None:
-    """Description of what is wrong with a position that a plug-in's filter returned; None if it is valid."""
+    """Return what is invalid in a `position` that a plug-in's filter returned, as text; None if it is valid."""
     if not isinstance(position, EstimatedPosition):
         return f"step gives a {type(position).__name__}; a Place or None was expected"
     shapes = {"xy": (position.xy, (2,)), "covariance": (position.covariance, (2, 2))}
@@ -98,7 +111,7 @@ def fault_of(position: object) -> str | None:
 
 
 def method_of(plugin: Plugin) -> Online[PluggedFilter, Any]:
-    """Tracking method made from a plug-in; PluginError if it cannot be loaded."""
+    """Return the tracking method made from a plug-in; PluginError if it cannot be loaded."""
     of = plugin.load()
 
     def init(scene: Scene, config: Any, rng: Generator) -> PluggedFilter:

@@ -56,13 +56,13 @@ class TrackSummary:
     def __init__(
         self, scene: Scene, *, joint: bool, smoothed: bool = False, measured: DistanceMeasurementFeed | None = None
     ) -> None:
-        """Start without rows.
+        """Start with all counts at 0.
 
         Args:
-            scene: the sensors.
-            joint: the method associates measurements with targets itself.
-            smoothed: its particles are smoothed.
-            measured: measurements that are no directions, of which residuals are also; None: missing.
+            scene: scene with the sensors.
+            joint: whether the method associates measurements with targets itself.
+            smoothed: whether estimates use later measurements.
+            measured: measurements other than directions, which residuals are also of; None: there are none.
         """
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
@@ -80,7 +80,7 @@ class TrackSummary:
         self.requests = self.answered = self.frames = self.offered = 0
 
     def add(self, part: TrackChunk) -> None:
-        """Add rows of output tables to the counts."""
+        """Add the rows of output tables, and what was found with them, to the counts."""
         self.targets.update(part.tracks.target_id.tolist())
         self.labels = part.labels or self.labels
         self.motion = part.motion or self.motion
@@ -108,7 +108,7 @@ class TrackSummary:
             self.asked.update(cause for text in asked.cause.tolist() for cause in text.split(","))
 
     def figures(self) -> dict[str, Any]:
-        """All figures of the summary, by name."""
+        """Return all figures of the summary, by name."""
         found, network = self.evidence, self.messages.summary()
         return {
             "targets": len(self.targets),
@@ -135,7 +135,7 @@ class TrackSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the estimates with their findings."""
+        """Return the checks of the estimates with their findings; without any row only that there are no tracks."""
         if not self.evidence.rows:
             return (finding(NUMBER, "no-tracks"),)
         found = self.evidence.checks(one_target=not self.joint, smoothed=self.smoothed)
@@ -152,12 +152,12 @@ class TrackSummary:
         return (*number, *self.sharp.checks(), *self.compass.checks(), *labels, *sensors, *motion, *found)
 
     def _particles(self) -> dict[str, Any]:
-        """Mean effective sample size, for particle filters."""
+        """Return the mean effective sample size by its name; empty if the method has no particles."""
         mean = self.evidence.particles.mean
         return {} if math.isnan(mean) else {"mean_effective_sample_size": mean}
 
     def _searches(self) -> dict[str, Any]:
-        """Figures of a batch method.
+        """Return the figures of a batch method, by name.
 
         These are the iterations for each target, the number of searches, how many did not converge, and range biases.
         """
@@ -172,7 +172,7 @@ class TrackSummary:
         }
 
     def _biases(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Estimated range biases of stations with their standard errors, by target."""
+        """Return the estimated range biases of stations with their standard errors, by target and station."""
         return {
             str(solve.target): {name: {"bias": bias, "standard_error": error} for name, bias, error in solve.biases}
             for solve in self.solves
@@ -181,7 +181,11 @@ class TrackSummary:
 
 
 def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Loss, ...]]:
-    """Track, and write the tables; return the summary and the losses of earlier steps."""
+    """Track by bearings and other measurements as requested, and write the tables.
+
+    Return the figures of the summary, and the losses of earlier steps. UsageError for options that do not go together,
+    InputError if no row is of the chosen targets and sensors.
+    """
     # Open the measurements, and settle method, sensors and selection
     inputs = MeasurementInputs(
         request.bearings,
@@ -278,14 +282,14 @@ def run_track(request: TrackRequest, job: Job) -> tuple[dict[str, Any], tuple[Lo
 
 
 def takes_distances(method: AnyMethod) -> bool:
-    """Whether a method takes ranges, signal strengths and time differences."""
+    """Return whether a method takes ranges, signal strengths and time differences."""
     return isinstance(method, Online | Batch) and method.measured
 
 
 def distance_measurements(
     request: TrackRequest, inputs: MeasurementInputs
 ) -> tuple[DistanceMeasurementFeed | None, dict[str, Any]]:
-    """Open the distance measurements.
+    """Open the distance measurements of the inputs.
 
     Return their feed and their provenance entry, or None and an empty entry without any. UsageError for settings of
     measurements that are missing, or that a fitted path loss states, too.
@@ -315,14 +319,14 @@ def distance_measurements(
 
 
 def _note_inputs(radio: Radio) -> dict[str, Any]:
-    """Provenance entry of a path loss model."""
+    """Return the provenance entry of the path loss model `radio`."""
     return {**radio._asdict(), "shadowing": radio.shadowing._asdict()}
 
 
 def radio_of(request: TrackRequest, scene: Scene) -> Radio:
-    """Read the path loss model of a file.
+    """Return the path loss model from the file of the request.
 
-    UsageError for a different length unit, or for settings that state the same parameters.
+    UsageError for a unit other than that of the scene, or for settings that state the same parameters.
     """
     assert request.path_loss is not None
     spec = read_path_loss(request.path_loss)
@@ -343,16 +347,22 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
 
 
 def estimates_poses(method: AnyMethod, config: Any) -> bool:
-    """Whether errors of sensor poses are estimated with these settings."""
+    """Return whether a method with the settings `config` estimates errors of sensor poses."""
     return isinstance(method, Online) and method.calibrates is not None and method.calibrates(config)
 
 
 def one_at_a_time(
     chunks: Iterable[Bearings], scene: Scene, sensors: frozenset[str], seconds: float
 ) -> Iterator[Bearings]:
-    """Rows of one sensor at a time, in round-robin order of the scene, each for `seconds`.
+    """Generate the rows of one sensor at a time, in round-robin order of the scene, each for `seconds`.
 
-    Sensors without a pose are skipped.
+    Sensors without a pose are skipped; UsageError if none is left.
+
+    Args:
+        chunks: rows in the order of time.
+        scene: scene with the sensors.
+        sensors: names of those in use.
+        seconds: time of each turn [s].
     """
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
@@ -362,7 +372,10 @@ def one_at_a_time(
 
 
 def make_config(request: TrackRequest, unit: str) -> Settings:
-    """Settings of the method: defaults in the scene's length unit, updated by the options."""
+    """Return the settings of the method: defaults in the scene's length unit `unit`, changed by the options.
+
+    UsageError for options that state the same quantity.
+    """
     defaults = settings_of(request.method).in_unit(unit)
     values: dict[str, Any] = dict(request.settings)
     if request.motion is not None:
@@ -387,9 +400,15 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
 
 
 def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of a motion model from a file.
+    """Return the settings that a motion model from a file stands for, by name.
 
-    UsageError for another unit, or for settings that state the same parameters.
+    Args:
+        path: the file.
+        unit: length unit of the scene.
+        given: settings from the options, by name.
+
+    Raises:
+        UsageError: the file has another unit, or `given` states the same parameters.
     """
     motion = read_motion(path)
     if motion.length_unit != unit:
@@ -429,7 +448,7 @@ def max_router_delay(path: Path) -> float:
 
 
 def make_selection(request: TrackRequest) -> SelectConfig | None:
-    """Camera selection of the request. UsageError for options of a selection without --select."""
+    """Return the settings of the camera selection; None without one. UsageError for its options without --select."""
     given = request.select
     if not given:
         return None
@@ -448,7 +467,7 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
 
 
 def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
-    """Parse initial positions to the setting of the method.
+    """Return the setting `start` of a method from texts of initial positions; `unit` is the scene's length unit.
 
     UsageError for several if the method has one filter for each target.
     """
@@ -464,9 +483,9 @@ def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
 
 
 def _with_velocity(text: str, unit: str) -> str:
-    """Parse X,Y,SIGMA,VX,VY,SIGMA_V.
+    """Return X,Y,SIGMA,VX,VY,SIGMA_V from a text that is such, X,Y or X,Y,SIGMA.
 
-    Without velocity: at rest, with the method's usual speed as standard deviation.
+    Without velocity: at rest, with the method's usual speed in `unit` as standard deviation.
     """
     parts = text.split(",")
     if len(parts) == START_NUMBERS:
@@ -477,7 +496,7 @@ def _with_velocity(text: str, unit: str) -> str:
 
 
 def parse_start(text: str, unit: str) -> str:
-    """Parse X,Y[,SIGMA]; SIGMA is 0.5 m by default, 1 in a scene-specific unit."""
+    """Return X,Y,SIGMA from X,Y[,SIGMA]; SIGMA is 0.5 m by default, 1 in a scene-specific `unit`."""
     parts = text.split(",")
     if len(parts) == 2:
         parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))

@@ -23,7 +23,11 @@ REMEDY = "give a recording with boxes of a detector, or the boxes or views that 
 
 
 def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Track in each camera and write the tables; return the summary and the earlier losses of the input."""
+    """Track in each camera as requested, and write the tables.
+
+    Return the figures of the summary, and the losses of earlier steps. UsageError for a window or an unknown camera,
+    InputError if no camera is left.
+    """
     if request.window is not None:
         raise UsageError(
             f"{option('window')}: method {request.method} takes each frame of a camera by itself; leave it out",
@@ -80,7 +84,7 @@ def run_track_single_view(request: SingleViewRequest, job: Job) -> tuple[dict[st
 
 
 def _plugin(method: str) -> Plugin:
-    """The plug-in of a method that is one."""
+    """Return the plug-in that the method is from; UsageError for a method of another kind."""
     plugin = METHODS[method].plugin
     if plugin is None:
         raise UsageError(f"method {method} is no tracker of one camera", id="not-applicable")

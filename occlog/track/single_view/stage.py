@@ -21,8 +21,8 @@ class CameraTrackers:
         """Start without frames.
 
         Args:
-            plugin: for messages.
-            make: makes the tracker of a camera by its name.
+            plugin: that the trackers are from; errors name it.
+            make: returns a new tracker for the camera of a name.
         """
         self._plugin, self._make = plugin, make
         self._own: dict[str, ViewTracker] = {}
@@ -35,10 +35,14 @@ class CameraTrackers:
         return sorted(self._own)
 
     def step(self, camera: str, found: BoxesInFrame) -> Ints:
-        """(N,) identities of the boxes of a frame, each of one camera alone; -1: of no person.
+        """(N,) identities, unique over all cameras, of the N boxes of a frame of `camera`; -1: of no person.
+
+        Args:
+            camera: name of the camera; its tracker is made at its first frame.
+            found: boxes of the frame.
 
         Raises:
-            PluginError: the tracker fails, or gives back what no identities can be.
+            PluginError: the tracker fails, or returns invalid identities.
         """
         if camera not in self._own:
             self._own[camera] = self._make(camera)
@@ -53,12 +57,12 @@ class CameraTrackers:
         return found_ids
 
     def _number(self, camera: str, own: int) -> int:
-        """Return the global number of a camera's identity, numbered in order of appearance."""
+        """Return the number, over all cameras, of identity `own` of a camera; -1 for no identity."""
         return -1 if own < 0 else self.numbers.setdefault((camera, own), len(self.numbers))
 
 
 def fault_of(ids: object, count: int) -> str | None:
-    """Return what is invalid in a tracker's result for `count` boxes, as text; None if valid."""
+    """Return what is invalid in a tracker's result `ids` for `count` boxes, as text; None if valid."""
     try:
         array = np.asarray(ids)
     except ValueError:
@@ -81,14 +85,14 @@ def fault_of(ids: object, count: int) -> str | None:
 def follow(
     chunks: Iterable[Boxes | Views], trackers: CameraTrackers, cameras: Callable[[str], bool]
 ) -> Iterator[Boxes]:
-    """Boxes with the identities that trackers give them; those of no person are omitted.
+    """Generate the boxes with the identities that trackers give them; those of no person are omitted.
 
-    A frame without any other has a row of no detection.
+    A frame without any other box has a row without detection.
 
     Args:
-        chunks: in the order of time.
-        trackers: whom to ask.
-        cameras: whether a camera is used.
+        chunks: rows in the order of time.
+        trackers: give the identities.
+        cameras: returns whether the camera of a name is used; rows of others are omitted.
     """
     for chunk in _whole_times(chunks):
         used = np.array([cameras(name) for name in chunk.sensor.tolist()], dtype=np.bool_)
@@ -124,7 +128,7 @@ def follow(
 
 
 def _whole_times(chunks: Iterable[Boxes | Views]) -> Iterator[Boxes | Views]:
-    """Regroup rows so that all rows of one time are in one chunk."""
+    """Generate the rows in chunks such that all rows of one time are in one chunk."""
     held: Boxes | Views | None = None
     for chunk in chunks:
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
@@ -136,7 +140,7 @@ def _whole_times(chunks: Iterable[Boxes | Views]) -> Iterator[Boxes | Views]:
 
 
 def _boxes(rows: Boxes | Views) -> tuple[Boxes, Floats32]:
-    """Return rows as boxes with embeddings."""
+    """Return rows as boxes, and their embeddings (n, K); K is 0 without any."""
     if isinstance(rows, Boxes):
         return rows, np.zeros((len(rows), 0), dtype=np.float32)
     boxes = Boxes.of(
