@@ -104,9 +104,9 @@ def begin(
 
     Args:
         scene: the sensors as stated.
-        noise: its `pack_noise`.
-        read_px: its `read_noise`.
-        sensors: its `pack_sensors`.
+        noise: errors of the stated poses and focal lengths, from `pack_noise` of the scene.
+        read_px: (S,) read noise [px], from `read_noise` of the scene.
+        sensors: positions and fields of view, from `pack_sensors` of the scene.
         mode: `none`, `joint` or `initial`.
     """
     if mode == "none":
@@ -161,9 +161,9 @@ def updated_calibration(
     """Update of the sensors' errors by a scan, and the estimate with what they add to its covariance.
 
     Args:
-        calibration: before the scan.
+        calibration: calibration before the scan.
         scan: only its labelled bearings count.
-        estimate: of the filter, after the scan.
+        estimate: estimate of the filter after the scan.
         seconds: length of the initial phase.
     """
     sights = _sights(scan, calibration.stated)
@@ -185,9 +185,9 @@ def _gather(
     """Return the calibration with a scan added to its initial phase, which ends with a solution after its given length.
 
     Args:
-        calibration: before the scan.
+        calibration: calibration before the scan.
         sights: the scan's labelled bearings.
-        t_ns: its time.
+        t_ns: time of the scan.
         xy: (2,) the filter's estimate at that time.
         seconds: length of the phase, from its first scan [s].
     """

@@ -154,7 +154,7 @@ def _updated(state: ApfState, packed: PackedScan, dt: float, rng: Generator) -> 
         state: at the last scan, not changed.
         packed: the scan.
         dt: time since the last scan [s].
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     model = state.model
     if state.t_ns is None:
@@ -244,7 +244,7 @@ def _as_estimate(
     Args:
         draw: weighted particles, which give velocity and log-likelihood.
         mean: (2,) position.
-        covariance: (2, 2) of it.
+        covariance: (2, 2) covariance of the position.
         ess: effective sample size of the particles.
         fallback: reason why the estimate is doubtful; empty: none.
         packed: the scan; all K of its sensors count as used.

@@ -122,7 +122,7 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
 
     Args:
         scene: a camera's own probabilities come before those of the configuration.
-        config: settings.
+        config: settings of the method.
         informed: there are priors of the moving occluders, so "not seen" means something
             also where no probability of detection is given.
     """
@@ -191,7 +191,7 @@ def sight_lines(
 
     Args:
         packed: the scan.
-        sensors: all S sensors.
+        sensors: positions, fields of view and walls of all S sensors.
         noise: errors of their poses and focal lengths.
         prior: gives how far each sensor sees.
     """

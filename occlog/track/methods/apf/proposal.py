@@ -66,10 +66,10 @@ def auxiliary_step(
     Args:
         model: scene and settings.
         particles: L of them, a time dt before the scan.
-        weights: (L,) sum 1.
+        weights: (L,) weights of the particles, sum 1.
         packed: the scan.
         dt: [s], > 0.
-        rng: draws.
+        rng: generator of the random numbers drawn.
 
     Returns:
         Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
@@ -87,10 +87,10 @@ def _bootstrap_step(
     Args:
         model: scene and settings.
         particles: L of them, a time dt before the scan.
-        weights: (L,) sum 1.
+        weights: (L,) weights of the particles, sum 1.
         packed: the scan.
         dt: [s], at most one reference step.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     config = model.config
     # Stage 1, weigh the expected states kappa: w_l f(Z|kappa_l)
@@ -122,10 +122,10 @@ def _adapted_step(
     Args:
         model: scene and settings.
         particles: L of them, a time dt before the scan.
-        weights: (L,) sum 1.
+        weights: (L,) weights of the particles, sum 1.
         packed: the scan.
         dt: [s], > 0 and at most one reference step.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     config, L, n = model.config, len(weights), model.config.particles
     # Hypotheses: go on (MTD), change the destination (CD), wait (W)
@@ -292,10 +292,10 @@ def select_initial_particles(
 
     Args:
         model: scene and settings.
-        particles: from `initial_particles`.
+        particles: initial particles, from `initial_particles`.
         sigma: standard deviation of the start; None: they are all over the floor.
         packed: the scan.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     config, many = model.config, len(particles.speed)
     log_prior, sharpness = np.full(many, -math.log(many)), 0.0
@@ -331,11 +331,11 @@ def _chosen(
 
     Args:
         model: scene and settings.
-        particles: L of them.
+        particles: L particles.
         log_prior: (L,) log weights before the scan.
         sharpness: mean variance per axis of the densities that they were drawn from.
         packed: the scan.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     weights, log_sum = normalise_log_weights(log_prior + likelihood(model, particles.xy, packed))
     n = model.config.particles

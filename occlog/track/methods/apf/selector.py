@@ -72,8 +72,8 @@ def network(
     """What there is to choose from; UsageError for more cameras than there are, or an order that does not fit.
 
     Args:
-        scene: the cameras.
-        config: how to select.
+        scene: scene with the cameras.
+        config: settings of the selection.
         usable: names of the cameras that may be used.
         detection: probability that a camera detects a target in plain view, where the scene does not say.
         hiding: form of the probability that a moving occluder hides the target, of
@@ -114,11 +114,11 @@ def choose(
     """The cameras to use until the next selection, with the expected error of the set.
 
     Args:
-        cloud: where the target is thought to be.
-        priors: of the moving occluders; None: none are considered.
-        net: the cameras.
-        config: how to select.
-        rng: for `random`.
+        cloud: weighted positions at which the target may be.
+        priors: position priors of the moving occluders; None: none are considered.
+        net: cameras that may be selected.
+        config: settings of the selection.
+        rng: random numbers of the policy `random`.
     """
     cloud = _thin(cloud)
     moments = _moments(cloud, no_priors() if priors is None else priors, net, config.model)
@@ -137,7 +137,7 @@ def _rows(
         k: number of cameras.
         cloud: particles of the target, for `closest`.
         moments: of the cameras, for `greedy` and `brute-force`.
-        net: the cameras.
+        net: cameras that may be selected.
         policy: one of `POLICIES`.
         rng: draws of `random`.
     """
@@ -250,7 +250,7 @@ class Selector(Generic[State, Config]):
             prediction: the method's prediction of a target.
             config: settings of the method.
             scene: the cameras.
-            selection: how to select.
+            selection: settings of the selection.
             usable: names of the cameras that may be used.
         """
         self._cloud = prediction.cloud

@@ -54,7 +54,7 @@ def record_particles(
 
     Args:
         particles: L of them after the step.
-        weights: (L,) sum 1.
+        weights: (L,) weights of the particles, sum 1.
         parents: (L,) indices among those of the step before; None: each its own.
         dt: length of the step [s].
         model: motion and floor.
@@ -71,9 +71,9 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
 
     Args:
         traces: of scans in the order of time, at least one.
-        config: settings.
+        config: settings of the method.
         motion: the motion model.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     M = config.smoothing_trajectories
     found: list[SmoothedState] = []
@@ -101,7 +101,7 @@ def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: W
         later: those of the step after.
         chosen: (M,) indices of the trajectories' particles in `later`.
         motion: the motion model.
-        rng: draws.
+        rng: generator of the random numbers drawn.
 
     Returns:
         (M,) indices in `now`.
@@ -131,7 +131,7 @@ def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
 
     Args:
         states: (L, 5) from `waypoint.headings`.
-        weights: (L,) sum 1.
+        weights: (L,) weights of the particles, sum 1.
     """
     mean, second, square = np.zeros(4), np.zeros(4), 0.0
     for i in range(weights.shape[0]):

@@ -64,11 +64,11 @@ def density_on_segment(x: float, y: float, wx: float, wy: float, variance: float
     Along w it is a difference of two normal distribution functions, across w a normal density; 0 beyond `TOO_FAR`.
 
     Args:
-        x: offset from the beginning of the segment w, and
-        y: its second coordinate.
-        wx: the segment, and
-        wy: its second coordinate.
-        variance: per axis.
+        x: first coordinate of the offset from the beginning of the segment.
+        y: second coordinate of this offset.
+        wx: first coordinate of the segment w.
+        wy: second coordinate of the segment w.
+        variance: variance of the Gaussian per axis.
     """
     length, sigma = math.hypot(wx, wy), math.sqrt(variance)
     if length < MIN_SEGMENT_SIGMAS * sigma:
@@ -100,14 +100,14 @@ def parents_of(
 
     Args:
         later: (M, 5) states of a step: x, y, direction times speed (2), speed.
-        regime: (M,) regimes of these (MTD, CD or W).
+        regime: (M,) regimes (MTD, CD or W) of the states `later`.
         own: (M,) index of the filter's parent of each among the L particles of the step before.
         states: (L, 5) states of the step before, columns as `later`.
-        was: (L,) regimes of these.
+        was: (L,) regimes of `states`.
         chances: (L, 3) probabilities of MTD, CD and W of each in the step.
         candidates: (K,) indices among the L particles, drawn by their weights.
         dt: time between the steps [s], > 0.
-        motion: parameters.
+        motion: parameters of the motion model.
         width2: h^2 of the position and of the velocity.
         u: (M,) uniform in [0, 1).
 

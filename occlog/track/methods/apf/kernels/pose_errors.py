@@ -75,7 +75,7 @@ def prior_belief(sigma_position: Floats, sigma_yaw: Floats) -> PoseErrorBelief:
 
     Args:
         sigma_position: (S,) standard deviation per axis.
-        sigma_yaw: (S,) [rad].
+        sigma_yaw: (S,) standard deviations of the yaw [rad].
     """
     sigma = np.column_stack([sigma_position, sigma_position, sigma_yaw])
     variance = sigma.ravel() ** 2
@@ -184,7 +184,7 @@ def update(belief: PoseErrorBelief, sights: LabelledBearings, positions: Floats,
     model is not taken for knowledge.
 
     Args:
-        belief: before.
+        belief: belief before the scan.
         sights: bearings of one time.
         positions: (S, 2) stated positions of the sensors.
         start: (2,) roughly where the target is.
@@ -241,7 +241,7 @@ def solve(
         scans: T scans.
         positions: (S, 2) stated positions.
         starts: (T, 2) roughly where the target was.
-        rounds: at most.
+        rounds: largest number of Gauss-Newton iterations.
     """
     deviation = np.sqrt(belief.prior)  # errors in units of their prior: also right where it is 0
     one_by_one = belief

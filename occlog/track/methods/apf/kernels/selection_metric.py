@@ -61,10 +61,10 @@ def joint_visibility(
     """(N, N) P{eta_i = 1, eta_j = 1}, on the diagonal P{eta_i = 1}; by Eq. 8.
 
     Args:
-        xy: (L, 2) particles.
-        weights: (L,) theirs.
+        xy: (L, 2) positions of the particles.
+        weights: (L,) weights of the particles.
         cameras: N rows of the sensors.
-        sensors: where they stand.
+        sensors: positions, fields of view and walls of all S sensors.
         inside: (N, L) from `views`.
         priors: of the moving occluders; empty: none hides the target.
         hit: (N,) probabilities that a camera detects a target in plain view.
@@ -116,12 +116,12 @@ def perspective_moments(
     """Moments of the perspective model, Eqs. 10-13.
 
     Args:
-        xy: (L, 2) particles.
-        weights: (L,) theirs, sum 1.
+        xy: (L, 2) positions of the particles.
+        weights: (L,) weights of the particles, sum 1.
         cameras: N rows of the sensors.
-        sensors: where they stand.
-        noise: their noise.
-        read_px: (S,) their read noise.
+        sensors: positions, fields of view and walls of all S sensors.
+        noise: errors of the poses and focal lengths of the S sensors.
+        read_px: (S,) read noise of the sensors [px].
         inside: (N, L) from `views`.
         together: (N, N) from `joint_visibility`.
     """
