@@ -72,7 +72,7 @@ def repeated_median(positions: Floats, bearings: Floats) -> Floats | None:
 
     Args:
         positions: (n, 2) where the bearings were taken.
-        bearings: (n,) [rad].
+        bearings: (n,) bearings [rad].
     """
     points = crossings(positions, bearings)
     lines = [own[~np.isnan(own[:, 0])] for own in points]
@@ -85,7 +85,7 @@ def repeated_median_jackknife(positions: Floats, bearings: Floats) -> Folded | N
 
     Args:
         positions: (n, 2), n >= 3.
-        bearings: (n,) [rad].
+        bearings: (n,) bearings [rad].
     """
     n = len(bearings)
     whole = repeated_median(positions, bearings)
@@ -132,11 +132,11 @@ def fix(
     """The position that a set of bearings points at; None if undetermined.
 
     Args:
-        positions: (n, 2) where the bearings were taken, n >= 2.
-        bearings: (n,) [rad].
+        positions: (n, 2) positions where the bearings were taken, n >= 2.
+        bearings: (n,) bearings [rad].
         sigma: (n,) stated standard deviations [rad], above 0.
         estimator: one of `ESTIMATORS`.
-        bend: of huber and andrews.
+        bend: tuning constant of `huber` and `andrews`, in standard deviations.
         estimated: find the spread of the errors from the residuals, which takes at least three
             bearings; otherwise, and with two, it is as stated.
     """
@@ -178,7 +178,7 @@ def _m_estimate(
 
     Args:
         positions: (n, 2) of the sensors.
-        bearings: (n,) [rad].
+        bearings: (n,) bearings [rad].
         share: (n,) precisions of the bearings, relative to their mean.
         stated: mean stated precision, the concentration kappa unless it is learned [1/rad^2].
         psi: weight of a bearing by its normalised residual.
@@ -204,7 +204,7 @@ def _iterate(
 
     Args:
         positions: (n, 2) of the sensors.
-        bearings: (n,) [rad].
+        bearings: (n,) bearings [rad].
         share: (n,) precisions of the bearings, relative to their mean.
         stated: mean stated precision, the concentration kappa unless it is learned [1/rad^2].
         psi: weight of a bearing by its normalised residual.
@@ -287,7 +287,7 @@ def _median(
 
     Args:
         positions: (n, 2) of the sensors.
-        bearings: (n,) [rad].
+        bearings: (n,) bearings [rad].
         share: (n,) precisions of the bearings, relative to their mean.
         stated: mean stated precision [1/rad^2].
         jackknife: correct the position's bias by the jackknife, if it is defined.
@@ -372,7 +372,7 @@ def modes(positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Mo
 
     Args:
         positions: (n, 2) where the bearings were taken, n >= 2.
-        bearings: (n,) [rad].
+        bearings: (n,) bearings [rad].
         sigma: (n,) standard deviations [rad], above 0.
         bend: standard deviations at which a bearing is as likely false as true.
     """
@@ -448,7 +448,7 @@ def _at(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: fl
     Args:
         xy: (M, 2) positions.
         positions: (n, 2) of the sensors.
-        bearings: (n,) [rad].
+        bearings: (n,) bearings [rad].
         sigma: (n,) standard deviations [rad].
         bend: standard deviations at which a bearing is as likely false as true.
     """

@@ -67,10 +67,10 @@ def false_line_moment(
 
     Args:
         found: the modes of n bearings.
-        positions: (n, 2) of the sensors.
-        bearings: (n,) [rad].
+        positions: (n, 2) positions of the sensors.
+        bearings: (n,) bearings [rad].
         sigma: (n,) standard deviations [rad].
-        false: of the sensors.
+        false: probability of a false bearing, and widths of the sensors' fields of view.
         region: where a target can be; it counts as one measurement more, which may be false, too.
     """
     at, size = found.xy[0], region.high - region.low

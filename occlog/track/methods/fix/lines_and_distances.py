@@ -330,8 +330,8 @@ def _climbed(
 
     Args:
         xy: (K, 2) starts, not changed.
-        lines: of sight.
-        distances: measurements of them.
+        lines: lines of sight.
+        distances: measurements of distances.
         errors: error model of all n measurements, lines first.
         scale: length from `_extent`, to which the tolerance is relative.
         wide: standard deviation of a position error that is added to all residuals; 0 in the end.
