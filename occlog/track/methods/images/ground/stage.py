@@ -180,8 +180,8 @@ def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int
 
     Args:
         chunk: rows of view tracks, not empty.
-        scene: with the poses.
-        cameras: those in use; empty: all.
+        scene: scene with the poses of the cameras.
+        cameras: names of those in use; empty: all.
         last_ns: time of the last row of earlier chunks; None: there is none.
         seen: number of earlier rows, for the message.
     """
@@ -373,9 +373,9 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
 
     Args:
         met: N positions.
-        t_ns: (N,) their times.
-        target: (N,) identities.
-        names: of the V views.
+        t_ns: (N,) times of the positions.
+        target: (N,) identities of the targets.
+        names: names of the V views.
         doubts: (N, 3) whether each of the doubts is there.
     """
     good = np.flatnonzero(met.status == MET)

@@ -247,9 +247,9 @@ def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> 
 
     Args:
         xyz: (N, 3) positions.
-        left: (N, V, 2) residuals there.
+        left: (N, V, 2) residuals at the positions.
         local: (N, V, 3) positions in the cameras' axes.
-        problem: of the points.
+        problem: image centres and views of the points.
     """
     rig, known, height = problem.rig, problem.known, problem.height
     # Jacobian of the projections
@@ -316,7 +316,7 @@ def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: 
     """Return for each of N points the best fit that omits one of the views it used; misfit inf if there is none.
 
     Args:
-        sights: of the points.
+        sights: image centres of the N points.
         used: (N, V) views that were used before.
         rig: the views.
         min_sine: least sine of the angle at which lines of sight cross.
@@ -384,11 +384,11 @@ def covariances_with_contradiction(
     """Compute covariances of positions from all hypotheses about which views are on the target.
 
     Args:
-        met: the positions as reported.
+        met: reported positions of the N points.
         sights: N points in V views.
         rig: the views.
-        height: of points that one view shows; None: single views are no hypotheses.
-        odds: of the views.
+        height: prior of the height of points that one view shows; None: single views are no hypotheses.
+        odds: prior probability that a view is on the target, and the error variance of such views.
         sine: least sine of the angle at which lines of sight cross.
     """
     covariance, contested = met.covariance.copy(), np.where(met.status == MET, 0.0, 1.0)
@@ -420,11 +420,11 @@ def _mixture(
 
     Args:
         xyz: (N, 3) reported positions.
-        sights: of the points, which are all in the same views.
-        pattern: (V,) those views.
+        sights: image centres of the points, which are all in the same views.
+        pattern: (V,) whether a view shows the points.
         rig: all views.
         height: prior for single views; None: they are no hypotheses.
-        odds: of the views.
+        odds: prior probability that a view is on the target, and the error variance of such views.
         sine: least sine of the angle at which lines of sight cross.
     """
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)

@@ -29,7 +29,7 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
     """Return (N, 2) reference points of ellipses (N, 5) [px]: their centres, or their lowest points if `bottom`.
 
     Args:
-        ellipses: see `occlog.core.image`.
+        ellipses: (N, 5) x, y, two semi-axes [px] and angle [rad], see `occlog.core.image`.
         bottom: the lowest point, where people stand; else the centre.
     """
     if not bottom:
@@ -47,12 +47,12 @@ def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: F
     They are inf where unknown.
 
     Args:
-        geometry: of the views.
+        geometry: fundamental matrices between the views.
         a: number of a view.
         b: number of another view.
         of_a: (N, 5) ellipses of targets in view a.
         of_b: (N, 5) of the same targets in view b.
-        bottom: see `anchors`.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
     """
     points = []
     for view, ellipses in ((a, of_a), (b, of_b)):
@@ -119,12 +119,12 @@ def initiate_and_terminate(
     """Decide which regions of a time step start trackers and which trackers end.
 
     Args:
-        state: from the time step before.
+        state: candidates after the time step before.
         regions: (K, 5) of each view; None: frame not processed by the detector.
         trackers: ellipses of all trackers after this time step's frames, of all views.
         views: V views.
-        geometry: between them.
-        config: settings.
+        geometry: fundamental matrices between the views.
+        config: settings of births and terminations.
         bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
         gone: trackers that ended in this time step; their targets do not restart in that view before the next one.
     """
@@ -246,9 +246,9 @@ def _births(
     """Return the state after the births in all views, and the births, view by view.
 
     Args:
-        state: with this frame's candidates.
-        geometry: between the views.
-        config: settings.
+        state: candidates, updated with this frame.
+        geometry: fundamental matrices between the views.
+        config: settings of births and terminations.
         bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
         gone: trackers that ended in this time step; their targets do not restart in that view now.
     """
@@ -339,7 +339,7 @@ def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -
         misfit: (candidates, targets) from `_misfit`, at most 1 where they fit.
         c: row of the candidate.
         candidate: the candidate.
-        config: settings.
+        config: settings of births and terminations.
 
     Returns:
         Column of the target; -1: a new one; None: wait.

@@ -85,7 +85,7 @@ class RegionStream:
         """Return the regions (K, 5) of each view's frame; None without a frame, or if the detector did not process it.
 
         Args:
-            names: of the views.
+            names: names of the V views.
             t_ns: (V,) times of their frames, -1: none; times must not go back from call to call.
         """
         latest = int(t_ns.max())
@@ -141,7 +141,7 @@ def moving_regions(
         frames: makes all frames of the views, in the order of time; called two or three times.
         scene: may lack cameras.
         views: V views.
-        workers: threads.
+        workers: number of threads.
     """
     whole = with_cameras(scene, views)
     config = DetectConfig()
@@ -175,7 +175,7 @@ def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Seque
     """Measure the median height of the blobs that differ from the empty scene; sizes are equal all over the image.
 
     Args:
-        frames: in the order of time.
+        frames: frames in the order of time.
         empty: images of the empty scene by camera, may be shrunk.
         views: views of the wanted sizes; a view without blobs gets none.
 
@@ -238,10 +238,10 @@ def background_models(
     """Learn the empty scene of each view and return its background model; None for a view without images.
 
     Args:
-        frames: of all views, in the order of time.
-        scene: with all views as cameras.
+        frames: frames of all views, in the order of time.
+        scene: scene with all views as cameras.
         views: V views.
-        workers: threads.
+        workers: number of threads.
     """
     config = DetectConfig()
     learned, _ = learn(frames, scene, config, (), workers)
@@ -263,9 +263,9 @@ def foreground_mask(model: BackgroundModel | None, image: Image, number: int) ->
     updated with the image.
 
     Args:
-        model: of the camera, with frames in order; None: no model.
+        model: background model of the camera, with frames in order; None: no model.
         image: (H, W, 3) BGR or (H, W) grey.
-        number: of the frame.
+        number: number of the frame.
     """
     if model is None:
         return None

@@ -52,9 +52,9 @@ def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: in
     Args:
         sums: (4, 256) added to.
         weights: (W,) space for the weights of a row.
-        bins: (H, W).
-        ellipse: (5,).
-        step: see `colours_in`.
+        bins: (H, W) bin of each pixel.
+        ellipse: (5,) the ellipse.
+        step: every `step`-th pixel of both directions counts.
         half: `ABOVE` its centre only, `BELOW` and level with it only, or `WHOLE`.
 
     Returns:
@@ -112,7 +112,7 @@ def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats
 
     Args:
         bins: (H, W) bin number of each pixel, all below `N_BINS` but those of pixels that belong to no target.
-        ellipses: (n, 5).
+        ellipses: (n, 5) the ellipses.
         split: (n,) whether the upper and the lower half have a histogram each.
         step: only pixels with column and row that are multiples of it count; 1: all.
 
@@ -142,11 +142,11 @@ def colour_similarity(bins: Bytes, ellipses: Floats, owner: Ints, colours: Float
 
     Args:
         bins: (H, W) bin number of each pixel.
-        ellipses: (P, 5).
+        ellipses: (P, 5) the ellipses.
         owner: (P,) row of each one's target.
         colours: (n, WIDTH) of the targets.
         split: (n,) whether they are those of halves.
-        step: see `colours_in`.
+        step: every `step`-th pixel of both directions counts.
 
     Returns:
         (P,), 0 (nothing in common) to 1 (equal).
@@ -288,12 +288,12 @@ def log_density(patches: Floats, owner: Ints, mean: Floats, basis: Floats, varia
     """Log densities of patches, each under the model of its target.
 
     Args:
-        patches: (P, D).
+        patches: (P, D) patches as vectors.
         owner: (P,) row of the models for each patch.
-        mean: see `PatchModels`, as the rest.
-        basis: (M, K, D).
-        variance: (M, K).
-        rest: (M,).
+        mean: (M, D) means of the patches of M targets.
+        basis: (M, K, D) their K principal components.
+        variance: (M, K) variances along the components.
+        rest: (M,) mean variance rho across them.
 
     Returns:
         (P,) -1/2 (sum_k y_k^2 / l_k + e^2 / rho + sum_k log l_k + (D - K) log rho + D log 2 pi) with y the
@@ -326,9 +326,9 @@ def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: Pa
 
     Args:
         image: (H, W, C) or (H, W).
-        ellipses: (P, 5).
+        ellipses: (P, 5) the ellipses.
         owner: (P,) row of the models for each ellipse.
-        models: of patches from `disc_points()`.
+        models: densities of the patches of each target, with pixels at `disc_points()`.
     """
     patches = warp_patches(np.atleast_3d(image), ellipses, disc_points())
     back = np.ascontiguousarray(patches[:, ::-1])  # the opposite points are in the opposite order
@@ -342,7 +342,7 @@ def learn_target(image: Bytes, ellipse: Floats, jitter: Floats, components: int)
         image: (H, W, C) or (H, W).
         ellipse: (5,) of the target.
         jitter: (N, 5) standard normal draws; ellipses that are off by a little are still the target.
-        components: see `learn_patches`.
+        components: number of principal components, see `learn_patches`.
     """
     sizes = 0.5 * (ellipse[2] + ellipse[3]) * np.array([0.05, 0.05, 0.03, 0.03, 0.0]) + [0, 0, 0, 0, 0.05]
     near = np.vstack([ellipse, ellipse + jitter * sizes])

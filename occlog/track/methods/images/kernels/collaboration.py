@@ -46,10 +46,10 @@ def add_inertia(log_weights: Floats, particles: Floats, previous: Floats, before
 
     Args:
         log_weights: (N,) changed in place.
-        particles: (N, 5).
-        previous: (2,) the centre in the last frame.
+        particles: (N, 5) ellipses.
+        previous: (2,) centre of the tracker in the last frame.
         before: (2,) v_ref, the displacement to expect [px].
-        model: the constants.
+        model: constants of inertia and repulsion.
     """
     usual = math.hypot(before[0], before[1])
     for p in range(particles.shape[0]):
@@ -70,10 +70,10 @@ def repulsion(x: float, y: float, mine: Floats, estimate: Floats, touching: Bool
     Args:
         x: centre of the particle, to the right [px].
         y: centre of the particle, down [px].
-        mine: (5,) estimate of its tracker.
-        estimate: (n, 5).
-        touching: (n,) neighbours that touch its tracker.
-        model: the constants.
+        mine: (5,) estimate of the particle's tracker.
+        estimate: (n, 5) estimates of all trackers.
+        touching: (n,) whether a tracker is a neighbour that touches the particle's tracker.
+        model: constants of inertia and repulsion.
     """
     out = 1.0
     for j in range(touching.shape[0]):
@@ -105,11 +105,11 @@ def repel_into(
 
     Args:
         weights: (n, N) summing to 1; those of `rows` are changed in place.
-        estimate: (n, 5) means by these weights; those of `rows` are changed in place.
-        particles: (n, N, 5).
-        rows: trackers of the view.
+        estimate: (n, 5) means of `particles` by these weights; those of `rows` are changed in place.
+        particles: (n, N, 5) ellipses.
+        rows: indices of the view's trackers.
         touching: (n, n) see `Neighbours`.
-        model: the constants.
+        model: constants of inertia and repulsion.
     """
     base = weights.copy()
     for _ in range(model.iterations):
@@ -197,12 +197,12 @@ def reweighted(
     sweeps; in the first, later views do not help yet.
 
     Args:
-        particles: (n, N, 5).
+        particles: (n, N, 5) ellipses.
         log_local: (n, N) logarithms of the local likelihood.
         here: (n,) trackers with a frame of their view; the estimate of the others is where their particles are.
-        model: what else counts.
-        order: (V,) in which views are worked out.
-        sweeps: >= 1.
+        model: terms of the weights other than the local likelihood.
+        order: (V,) order of the views.
+        sweeps: number of sweeps, >= 1.
 
     Returns:
         Weights (n, N), estimates (n, 5) and views that helped (n, V).
@@ -252,12 +252,12 @@ def collaborate(
     Args:
         log_w: (N,) changed in place.
         helped: (V,) set to which views helped.
-        i: the tracker.
-        particles: (N, 5) of it.
-        estimate: (n, 5).
+        i: index of the tracker.
+        particles: (N, 5) ellipses of the tracker.
+        estimate: (n, 5) estimates of all trackers.
         ready: (n,) trackers with usable estimates.
-        near: neighbours.
-        cameras: of the views.
+        near: neighbours of all trackers.
+        cameras: geometry of the views, and counterparts of the trackers.
     """
     alone = False
     for v in range(helped.shape[0]):

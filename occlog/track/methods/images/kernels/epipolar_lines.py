@@ -24,8 +24,8 @@ def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]
     """Return the reference point (centre or lowest point) of an ellipse in undistorted pixels.
 
     Args:
-        ellipse: (5,).
-        affine: (2, 3) of its tracker.
+        ellipse: (5,) the ellipse.
+        affine: (2, 3) transformation of the ellipse's tracker from recorded to undistorted pixels.
         bottom: whether it is the lowest point; else the centre.
     """
     x, y = ellipse[0], ellipse[1]
@@ -68,9 +68,9 @@ def add_band(
 
     Args:
         log_weights: (N,) changed in place.
-        particles: (N, 5).
-        affine: (2, 3) of the tracker.
-        bottom: of `anchor`.
+        particles: (N, 5) ellipses.
+        affine: (2, 3) transformation of the tracker from recorded to undistorted pixels.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
         line: middle of the band, see `line_of`.
         sigma: Sigma_phi, the standard deviation of the distance from the line [px], > 0.
     """
@@ -88,12 +88,12 @@ def loop_check(
     """Check whether each tracker and its counterparts lie on each other's epipolar band, [Qu] Sec. 3.4.2.
 
     Args:
-        estimate: (n, 5).
-        affine: (n, 2, 3).
-        view: (n,).
+        estimate: (n, 5) estimated ellipses of the trackers.
+        affine: (n, 2, 3) transformations of the trackers from recorded to undistorted pixels.
+        view: (n,) view of each tracker.
         counterpart: (n, V) tracker of the same target in each other view; -1: none.
         fundamental: (V, V, 3, 3), [a, b] from view a to lines in view b.
-        bottom: of `anchor`.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
 
     Returns:
         (n, V): `TOGETHER` when both points are at most the reach of their ellipse from their line, `APART`
@@ -157,12 +157,12 @@ def drawn_on_lines(
     without such a line keeps its particles.
 
     Args:
-        particles: (n, N, 5).
+        particles: (n, N, 5) ellipses, N particles of each tracker.
         estimate: (n, 5) where the targets should be now.
         affine: (n, 2, 3), see `methods.restart.affine_maps`.
-        view: (n,).
+        view: (n,) view of each tracker.
         counterpart: (n, V) tracker of the same target in another view; -1: none.
-        fundamental: (V, V, 3, 3).
+        fundamental: (V, V, 3, 3) fundamental matrices, [a, b] from view a to lines in view b.
         bottom: which point of an ellipse represents the target.
         count: (n,) how many of the particles are moved, 0 to N.
         along: standard deviation along the line [px].
@@ -208,9 +208,9 @@ def lines_into(
     Args:
         lines: (V, 3) changed in place; a line is (l1, l2, l3) of unit normal (l1, l2), in undistorted pixels.
         i: row of the tracker.
-        estimate: (n, 5).
+        estimate: (n, 5) estimated ellipses of the trackers.
         affine: (n, 2, 3) from recorded to undistorted pixels.
-        view: (n,).
+        view: (n,) view of each tracker.
         counterpart: (n, V) tracker of the same target in another view; -1: none.
         fundamental: (V, V, 3, 3), [a, b] from view a to lines in view b.
         bottom: the lowest point of an ellipse represents the target; else its centre.

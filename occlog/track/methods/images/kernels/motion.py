@@ -43,7 +43,7 @@ def moved(
     return towards those at the start and stay near them.  The variances grow with the gap.
 
     Args:
-        particles: (n, N, 5).
+        particles: (n, N, 5) ellipses, N particles of each tracker.
         velocity: (n, 2) of the centres [px a frame].
         axes: (n, 3) half axes [px] and angle at the start.
         gap: (n,) frames since the last one, >= 1.

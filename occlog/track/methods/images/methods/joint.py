@@ -60,11 +60,11 @@ def joint_samples(
     """Move, weigh and resample the targets of each view jointly, by the sampler of the settings.
 
     Args:
-        state: before the frame.
-        config: settings.
-        frames: of one time.
+        state: trackers before the frame.
+        config: settings of the method.
+        frames: frames of one time step, at most one for each view.
         arrival: which of the n trackers have a frame; the particles of others stay.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     t = state.trackers
     n, count = t.particles.shape[:2]

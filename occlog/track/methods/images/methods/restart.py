@@ -69,8 +69,8 @@ def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Im
     `bad_after` checks in a row fail, and a bad one good when `good_after` in a row hold.
 
     Args:
-        state: after the frame.
-        config: settings.
+        state: trackers after the frame.
+        config: settings of the method.
         fresh: (n,) trackers with an estimate new enough to be compared.
     """
     t = state.trackers
@@ -147,9 +147,9 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
     Without such a tracker it is `state`.
 
     Args:
-        state: after the frame.
-        config: settings.
-        frames: of this time.
+        state: trackers after the frame.
+        config: settings of the method.
+        frames: frames of this time step, at most one for each view.
     """
     t = state.trackers
     bad = t.checked.any(axis=1) & ~t.good.any(axis=1)
@@ -244,7 +244,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
     frame in the last frame period give a line.
 
     Args:
-        state: before the frame.
+        state: trackers before the frame.
         c: settings.
         particles: (n, N, 5) after the motion.
         gap: (n,) frames since the last one.
@@ -280,7 +280,7 @@ def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTracke
     Estimates count where they are similar enough (`min_similarity_to_adapt`).
 
     Args:
-        state: after the frame.
+        state: trackers after the frame.
         c: settings.
         here: (n,) trackers with a frame of their view; the others keep their colours.
     """

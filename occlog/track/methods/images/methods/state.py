@@ -67,9 +67,9 @@ def learn_appearance(
     Args:
         appearance: models so far.
         kept: trackers that go on.
-        frames: in which the targets of the births are.
+        frames: frames of the time step, in which the targets of the births are.
         births: new trackers; one without a frame of its view gets no model.
-        config: settings.
+        config: settings of the method.
     """
     if config.model != "pca":
         return appearance
@@ -90,10 +90,10 @@ def log_patches(
 
     Args:
         image: the frame.
-        ellipses: (P, 5).
+        ellipses: (P, 5) the ellipses.
         owner: (P,) row of the models for each ellipse.
-        models: of the targets.
-        config: settings.
+        models: densities of the patches of each target.
+        config: settings of the method.
     """
     power = config.pca_power / len(disc_points())
     return np.asarray(power * patch_log_likelihood(image, ellipses, owner, stack_models(models)))
@@ -118,7 +118,7 @@ def mask_outside(bins: Bytes, boxes: Ints, frames: FrameSet, view: int) -> None:
     Args:
         bins: (H, W) changed in place, inside the boxes only.
         boxes: (n, 4) left, top, right, bottom, half-open.
-        frames: with the masks and regions.
+        frames: frames of the time step, with their masks and regions.
         view: owner of the map.
     """
     regions = frames.regions[view] if frames.regions else None
@@ -155,9 +155,9 @@ def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) ->
     """Return the regions and trackers that have only each other within reach.
 
     Args:
-        frames: with the regions.
-        view: (n,) of the trackers.
-        expected: (n, 5) ellipses where they should be now.
+        frames: frames of the time step, with their regions.
+        view: (n,) views of the trackers.
+        expected: (n, 5) expected ellipses of the trackers.
         reach: largest distance of the centres in sums of radii.
     """
     out = np.full((len(view), 5), np.nan)
@@ -176,10 +176,10 @@ def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share:
     """Redraw a share of each tracker's particles at its own region.
 
     Args:
-        particles: (n, N, 5).
+        particles: (n, N, 5) ellipses, N particles of each tracker.
         own: regions of the trackers; one without keeps its particles.
         normals: (n, N, 5) from N(0, 1).
-        share: of the particles, 0 to 1.
+        share: share of the particles that are redrawn, 0 to 1.
         spread: standard deviation of their centres over the region's radius.
     """
     count = round(share * particles.shape[1])
@@ -197,7 +197,7 @@ def log_region_likelihood(ellipses: Floats, own: OwnRegions, owner: Ints, spread
     """(P,) log likelihood, without its constant, of the distance of ellipses from their tracker's own region.
 
     Args:
-        ellipses: (P, 5).
+        ellipses: (P, 5) the ellipses.
         own: regions of n trackers; 0 without one.
         owner: (P,) row of each one's tracker.
         spread: standard deviation of the distance over the region's radius.
@@ -262,7 +262,7 @@ def initial_state(views: Sequence[TrackedView], geometry: ViewGeometry, config: 
 
     Args:
         views: V views.
-        geometry: between them.
+        geometry: fundamental matrices between the views.
         config: settings of the method.
     """
     n = len(views)
@@ -288,11 +288,11 @@ def _at_rest(
     Args:
         view: (n,) index of the view.
         target: (n,) identity.
-        ellipse: (n, 5).
+        ellipse: (n, 5) ellipses of the trackers.
         colours: (n, WIDTH) from `colours_in`.
         split: (n,) the colours are those of the upper and the lower half.
         views: V, the number of views.
-        config: settings.
+        config: settings of the method.
     """
     n, memory = len(view), config.memory if isinstance(config, IdmotConfig) else 1
     return ImageTrackers(

@@ -42,7 +42,7 @@ def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[Visua
 
     Args:
         state: its buffers belong to the next state afterwards.
-        frames: of all views.
+        frames: frames of the time step, at most one for each view.
         rng: all random numbers are drawn from it.
 
     Returns:
@@ -128,7 +128,7 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
     Args:
         t: n trackers after the frame.
         size: (n, 2) width and height of each one's image [px].
-        config: settings.
+        config: settings of the method.
     """
     centre, reach = t.estimate[:, :2], t.estimate[:, 2:4].max(axis=1)[:, None]
     outside = ((centre < -0.5) | (centre > size - 0.5)).any(axis=1)

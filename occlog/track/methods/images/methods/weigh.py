@@ -137,7 +137,7 @@ def local_likelihood(
     """Local likelihood p_c p_p of colours and patches ([Qu] Sec. 3.3), times a pull to the own region.
 
     Args:
-        state: before the frame.
+        state: trackers before the frame.
         frames: of one time; the view of the ellipses has a frame.
         own: regions of the n trackers.
         boxes: (K, 4) that hold all pixels of the ellipses, in which the map of bins is brought up to date.
@@ -195,10 +195,10 @@ def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: G
     A target that is close to others in all views is worked out in the views in turn, in random order ([Qu] Sec. 3.2).
 
     Args:
-        state: before the frame.
-        arrival: of the frame.
+        state: trackers before the frame.
+        arrival: frames of the time step as used by the n trackers.
         local: weights by the images alone.
-        rng: generator.
+        rng: generator of the random order and of the resampling.
     """
     c, order, sweeps = state.config, np.arange(len(state.views)), 1
     if isinstance(c, BmctConfig):
@@ -227,8 +227,8 @@ def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeight
     """Return the terms of the weights other than the local likelihood, from the temporary estimates of [Qu] Alg. 1.
 
     Args:
-        state: before the frame.
-        arrival: of the frame.
+        state: trackers before the frame.
+        arrival: frames of the time step as used by the n trackers.
         local: weights by the images alone.
     """
     t, c = state.trackers, state.config

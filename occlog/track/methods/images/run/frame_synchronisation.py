@@ -69,8 +69,8 @@ def survey(
     """Read the first frames of a camera for its image size, frame period and first number.
 
     Args:
-        name: of the camera.
-        frames: its frames; no more are read than are needed.
+        name: name of the camera.
+        frames: frames of the camera; no more are read than are needed.
         camera: of the scene, with the image size of the video; None: it is not in the scene.
         wanted: numbers of frames that must be there.
         bits: significant bits of 16-bit images.

@@ -248,7 +248,7 @@ def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> lis
 
     Args:
         tracks: the tracks.
-        own: how it is found.
+        own: value of --assigned-target in use.
         asked: value of --assigned-target; None: not given.
     """
     if not initiated_from_detections(tracks) or asked not in (None, "id"):

@@ -80,8 +80,8 @@ def check_outlines(outlines: TrackerOutlines, geometry: ViewGeometry, bottom: bo
     """Check the loop distances of targets that touch no other in either view.
 
     Args:
-        outlines: of one time step.
-        geometry: of the views.
+        outlines: ellipses of the trackers at one time step.
+        geometry: fundamental matrices between the views.
         bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
     """
     return _checks(_free(outlines.view, outlines.target_id, outlines.ellipse), geometry, bottom)
@@ -96,10 +96,10 @@ def check_births(
     """Check the loop distances of starting ellipses, among themselves and against trackers of other views.
 
     Args:
-        births: of one time step.
-        geometry: of the views.
+        births: starting ellipses of one time step.
+        geometry: fundamental matrices between the views.
         trackers: ellipses of the same time of trackers that there are.
-        bottom: see `check_outlines`.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
     """
     if not births:
         return no_checks()
@@ -130,7 +130,7 @@ def _checks(
 
     Args:
         rows: ellipses (5,) by view and target.
-        geometry: of the views.
+        geometry: fundamental matrices between the views.
         bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
         born: starting trackers; only checks that involve one of them count. None: all checks.
     """
@@ -157,9 +157,9 @@ def drop_contradicted(
     `FEWEST` checked starts decide, and those of the same time step; later ones change nothing.
 
     Args:
-        geometry: that is in use.
-        checks: of the births of one time step.
-        counts: of the time steps before.
+        geometry: fundamental matrices in use.
+        checks: loop checks of the births of one time step.
+        counts: numbers of checked and failed starts by pair of views, from the time steps before.
 
     Returns:
         The geometry; the counts with the checks; the pairs of views that lost their matrix now.
@@ -200,12 +200,12 @@ class TrackingSetup:
 
     Attributes:
         views: V views.
-        geometry: between them.
+        geometry: fundamental matrices between the views.
         config: settings of a method, which say how it tracks.
         stage: settings of births and ends.
         starts: trackers to begin.
         next_id: number of the first target that detections begin.
-        period_ns: of the frames of each view; 0 or none: not known.
+        period_ns: frame period of each view [ns], 0 if not known; empty: none is known.
     """
 
     views: tuple[TrackedView, ...]
@@ -279,7 +279,7 @@ def track_views(
     Args:
         frame_sets: frames of the views.
         setup: method, views and starts.
-        seed: of all random numbers.
+        seed: seed of all random numbers.
         stream: regions of a detector, from which trackers begin too and by which they are ended.
     """
     rng = generator(seed, RandomStream.TRACK)
