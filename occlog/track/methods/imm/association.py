@@ -339,11 +339,11 @@ def reweigh(
     If no particle is left with a weight, they are those before.
 
     Args:
-        weights: (J, L) before.
-        heard: of this target.
+        weights: (J, L) weights before.
+        heard: densities of the N bearings at the target's particles.
         detection: probability that a target in range is heard.
         alone: (N,) row of `BearingAssociation`.
-        unheard: of this target.
+        unheard: probability that the target is not heard.
         shared: for each other target (N,) probabilities and (N, J, L) densities, see `merged_bearing_density`.
     """
     silent = 1.0 - detection * heard.within

@@ -53,7 +53,7 @@ def moved_to(states: Floats, position: Floats, covariance: Floats, normals: Floa
     """Return (L, 4) states with positions drawn about the measured one and velocities unchanged.
 
     Args:
-        states: (L, 4).
+        states: (L, 4) states x, vx, y, vy of the particles.
         position: (2,) that cameras found.
         covariance: (2, 2) of it, positive semi-definite.
         normals: (L, 2) standard normal draws.
@@ -71,7 +71,7 @@ def updated(states: Floats, position: Floats, covariance: Floats, normals: Float
     filter, up to the chance of the draws.  A cloud without extent stays where it is.
 
     Args:
-        states: (L, 4).
+        states: (L, 4) states x, vx, y, vy of the particles.
         position: (2,) that cameras found.
         covariance: (2, 2) of it, positive semi-definite.
         normals: (L, 2) standard normal draws.
@@ -95,9 +95,9 @@ def expected_variance(position: Floats, origins: Floats, sigmas: Floats) -> floa
     """Trace of the covariance with which two lines of sight would tell a position; inf where they do not cross.
 
     Args:
-        position: (2,).
-        origins: (2, 2) of the two cameras.
-        sigmas: (2,) of their bearings [rad], > 0.
+        position: (2,) position of the target.
+        origins: (2, 2) positions of the two cameras.
+        sigmas: (2,) standard deviations of the cameras' bearings [rad], > 0.
     """
     away = position - origins
     r2 = np.maximum((away**2).sum(axis=1), 1e-300)
@@ -146,7 +146,7 @@ def requests_after_scan(
     """Return the requests to cameras that are due after a scan, at most one for each track, and the updated memory.
 
     Args:
-        state: after the scan.
+        state: state of the filter after the scan.
         report: what came of the scan.
         memory: earlier requests.
         rng: draws tentative tracks on lines of sight.
@@ -266,9 +266,9 @@ def apply_answer(
     """Return the state updated with the positions that cameras found, its report, and the memory of vain requests.
 
     Args:
-        state: after the scan.
+        state: state of the filter after the scan.
         report: what came of the scan.
-        answers: of the cameras, to requests of this time.
+        answers: answers of the cameras, to requests of this time.
         memory: earlier requests.
         rng: draws of positions.
     """
@@ -391,9 +391,9 @@ class CameraRequests:
         """Answers to all questions of one time, in their order, and then other targets found; frames count once.
 
         Args:
-            asks: questions.
+            asks: questions, each about one target.
             others: targets that no question is about, which the same frames may show as well.
-            t_ns: now.
+            t_ns: time of the questions.
         """
         # Choose two cameras for each question
         self._arrive(t_ns)

@@ -116,7 +116,7 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
     """Return the state after a scan of any arrays, and what came of it.
 
     Args:
-        state: before.
+        state: state before the scan.
         scan: rows of arrays alone, not earlier than the last ones; an array that has rows but none
             that is seen listened in vain.
         rng: draws of all targets.

@@ -110,10 +110,10 @@ def step(
         cloud: the particles after the step before.
         motion: models and noise.
         dt: time since the step before [s].
-        draws: see `draw`.
-        bearing: see `update_weights`, as the other two.
-        sigma: (N,)
-        position: (2,)
+        draws: random numbers, from `draw`.
+        bearing: (N,) measured bearings [rad], in any order.
+        sigma: (N,) standard deviations of the bearings [rad], > 0.
+        position: (2,) position of the sensor.
     """
     # Propose: every particle under every model (Eq. 3.3)
     predicted = move_under_all(cloud.states, motion.models, dt, motion.root, draws.normals)
@@ -145,9 +145,9 @@ def update_weights(predicted: Floats, prior: Floats, bearing: Floats, sigma: Flo
     Args:
         predicted: (J, L, 4) particles.
         prior: (J, L) weights before.
-        bearing: (N,) [rad], in any order; none is silence, which leaves the weights as they are.
+        bearing: (N,) measured bearings [rad], in any order; none is silence, which leaves the weights as they are.
         sigma: (N,) standard deviations [rad], > 0.
-        position: (2,) of the sensor.
+        position: (2,) position of the sensor.
     """
     if len(bearing) == 0:
         return Weights(np.zeros((0, *prior.shape)), prior, 0.0)
@@ -172,7 +172,7 @@ def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale:
         prior: (J, L) weights.
         angle: (N,) measured bearings in [-pi, pi].
         sigma: (N,) standard deviations [rad].
-        scale: (N,) logarithms of these.
+        scale: (N,) logarithms of `sigma`.
     """
     N, (J, L) = angle.shape[0], prior.shape
     each = np.empty((N, J, L))
@@ -266,7 +266,7 @@ def resample(weights: Floats, u: float, picks: Floats) -> tuple[Ints, Ints]:
     systematic draw from all J L would there take every J-th and with it one model in step.
 
     Args:
-        weights: (J, L).
+        weights: (J, L) weights of L particles under J models.
         u: one draw from U[0, 1).
         picks: (n,) draws from U[0, 1).
     """

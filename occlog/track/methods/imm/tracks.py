@@ -63,8 +63,8 @@ def is_rejuvenated(lineage: Genealogy, covariance: Floats, sigma_v: float) -> bo
     White acceleration gives a position the variance sigma_v^2 t^3 / 3 per axis.
 
     Args:
-        lineage: of the particles.
-        covariance: (2, 2) of their positions.
+        lineage: ancestry of the particles.
+        covariance: (2, 2) covariance of the particles' positions.
         sigma_v: noise of the velocity per axis, accumulated over 1 s.
     """
     widest = float(np.linalg.eigvalsh(covariance)[-1])
@@ -185,10 +185,10 @@ def track_on_bearing(
         world: arrays and room.
         array: row of the array.
         angle: bearing [rad].
-        sigma: its standard deviation [rad].
-        t_ns: when it was heard.
+        sigma: standard deviation of the bearing [rad].
+        t_ns: time of the bearing.
         label: number and identity of a confirmed track; `UNLABELLED_TRACK`: the track is tentative.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     config = world.config
     n = config.particles * config.initial_particle_factor
@@ -218,13 +218,13 @@ def track_at_position(
     """Return a confirmed track of a new target at a position found by cameras.
 
     Args:
-        world: settings.
-        position: (2,).
-        covariance: (2, 2) of it.
-        number: of the track.
+        world: settings, arrays and room.
+        position: (2,) position.
+        covariance: (2, 2) covariance of the position.
+        number: number of the track.
         label: identity that sensors give it, or `UNLABELLED_TRACK`.
-        t_ns: when it was seen.
-        rng: draws.
+        t_ns: time of the position.
+        rng: generator of the random numbers drawn.
     """
     config = world.config
     n = config.particles
@@ -288,7 +288,7 @@ def update_existence(track: Track, reached: float, detection: float, unheard: fl
     """Return the track's existence and sounding probabilities after an array's scan.
 
     Args:
-        track: before.
+        track: track before the scan.
         reached: probability that it is in the array's range.
         detection: that a target in range is heard, if it sounds.
         unheard: probability that no bearing was of it, given everything that was heard.
@@ -307,9 +307,9 @@ def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
 
     Args:
         moved: the track after a scan.
-        particles: of a confirmed track.
+        particles: number of particles of a confirmed track.
         dt: time since the scan before [s].
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     track = moved.track
     confirmed = track.number != TENTATIVE
