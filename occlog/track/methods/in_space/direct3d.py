@@ -184,7 +184,7 @@ def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Sp
         astray: (S,) counts so far; below 0: not heard before so many reports.
         good: (N,) which sensors of the scan agree with the likeliest position.
         heard: the scan.
-        config: settings.
+        config: settings of the method.
     """
     reports = np.diff(heard.sights.first) > 0
     astray = astray.copy()
@@ -202,7 +202,7 @@ def estimate_of(mean: Floats, covariance: Floats, draw: ScanUpdate, heard: ScanD
 
     Args:
         mean: (6,) x, y, z, vx, vy, vz.
-        covariance: (6, 6).
+        covariance: (6, 6) covariance of `mean`.
         draw: particles, for effective sample size, likelihood and fallback.
         heard: the scan of N sensors.
         good: (N,) sensors that agree with the estimate.

@@ -96,8 +96,8 @@ def update_by_scan(
         way: the step.
         lines: makes the residuals of the scan.
         log_likelihood: (n,) of the scan for (d, n) positions.
-        config: settings.
-        rng: draws.
+        config: settings of the method.
+        rng: generator of the random numbers drawn.
         log_going: (n,) log of a factor of the motion from (d, n) positions to (d, n) others; None: 1.
     """
     d, least = len(cloud) // 2, 2.0 * len(cloud)
@@ -178,7 +178,7 @@ def propose(
         log_likelihood: (n,) of the scan for (d, n) positions.
         particles: how many are wanted.
         kernel: width of the kernel, of the one that is best for a Gaussian.
-        rng: draws.
+        rng: generator of the random numbers drawn.
         log_going: see `update_by_scan`.
     """
     d, n = len(cloud) // 2, particles
@@ -322,8 +322,8 @@ def _before(
         P: (6, 6) covariance of the filter.
         later: (6,) later mean.
         later_covariance: (6, 6) later covariance.
-        motion: from one to the other.
-        dt: [s].
+        motion: motion model between the two states.
+        dt: time between the two states [s].
         rng: not drawn from, as the step has no noise.
     """
     F = drift_matrix(3, dt)

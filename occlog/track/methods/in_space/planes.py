@@ -72,10 +72,10 @@ def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: F
 
     Args:
         errors: (12, 12) before.
-        positions: (3, 2) of the target on each plane's axes.
-        sensor: (3,) its position.
-        angles: (3, 3) covariance of its projected angles.
-        used: (3,) the planes that took it in.
+        positions: (3, 2) position of the target on each plane's axes.
+        sensor: (3,) position of the sensor.
+        angles: (3, 3) covariance of the sensor's projected angles.
+        used: (3,) whether the plane was updated with its angle.
     """
     K, H = np.zeros((12, 3)), np.zeros((3, 12))
     for p in np.flatnonzero(used):
@@ -171,8 +171,8 @@ def combine(
     The common axis is a weighted mean; common errors of both planes are counted once.
 
     Args:
-        planes: two different ones.
-        flat: their posteriors.
+        planes: indices of two different planes.
+        flat: posteriors of the two planes.
         rule: `inverse` weighs position and velocity by inverse variance, `planes-weighted` by the sums of the
             unnormalised weights (Eq. 2.19), `equal` evenly (Eq. 2.21).
         errors: (12, 12) covariance of the errors of all planes, see `occlog.track.methods.in_space.planes`.
@@ -194,8 +194,8 @@ def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], 
 
     Args:
         flat: posteriors of the two planes.
-        rows: of each plane, where position and velocity of that axis are in its state.
-        rule: see `combine`.
+        rows: for each plane, the rows of position and velocity of the common axis in its state.
+        rule: `inverse`, `planes-weighted` or `equal`, see `combine`.
     """
     if rule == "equal":
         return np.full((2, 2), 0.5)
@@ -247,7 +247,7 @@ def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near:
     Args:
         rule: `variance` or `printed`.
         heard: the scan.
-        angles: of its rows.
+        angles: directions of the scan projected to the planes.
         near: (3,) where the target should be; NaN: unknown, each sensor's first row counts.
         before: what to use where the scan does not tell.
     """
@@ -315,7 +315,7 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, 
     Args:
         plane: index in `PLANES`.
         heard: the scan.
-        angles: of its rows.
+        angles: directions of the scan projected to the planes.
         only: the one sensor of the scan to use; None: all.
     """
     s = heard.sights
@@ -334,7 +334,7 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
     """(L,) log likelihoods of a scan for positions `ab` (2, L) on a plane's axes, up to a constant.
 
     Args:
-        ab: positions.
+        ab: (2, L) positions.
         own: angles of the scan in the plane; without any, all are 0.
         heard: the scan.
         chances: see `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`.
@@ -379,9 +379,9 @@ def errors_after(
     Args:
         errors: (12, 12) before the scan, at its time.
         heard: the scan.
-        angles: of its rows.
-        own: by plane, the angles that it was updated with.
-        flats: by plane, its posterior.
+        angles: directions of the scan projected to the planes.
+        own: projected angles with which each plane was updated, by plane.
+        flats: posterior of each plane, by plane.
     """
     s = heard.sights
     positions = np.zeros((3, 2))

@@ -133,7 +133,7 @@ def agrees(positions: Floats, heard: ScanDirections, gate: float) -> Bools:
     """Return (K, N) booleans: whether a sensor has a direction within `gate` standard deviations of a position.
 
     Args:
-        positions: (K, 3).
+        positions: (K, 3) positions.
         heard: the scan.
         gate: of each angle, and of the line of sight where its azimuth means little (near the pole).
     """

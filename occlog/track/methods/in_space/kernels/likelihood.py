@@ -164,12 +164,12 @@ def log_in_plane(ab: Floats, position: Floats, angle: Floats, sigma: Floats, rea
     """(R, L) log densities [1/rad] of R angles of one plane for (2, L) particles on the plane's axes.
 
     Args:
-        ab: particles.
+        ab: (2, L) particles.
         position: (R, 2) of the sensors on the plane's axes.
         angle: (R,) measured, projected [rad].
         sigma: (R,) standard deviations [rad].
         reach: (R,) ranges; a particle that is farther in the plane alone gets the factor `soften`.
-        soften: in (0, 1].
+        soften: factor, in (0, 1].
     """
     along = np.column_stack([np.cos(angle), np.sin(angle)])
     return _log_in_plane(ab, position, along, sigma, reach, math.log(soften))
