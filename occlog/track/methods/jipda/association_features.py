@@ -59,7 +59,7 @@ def log_ratio(sums: Floats, value: Floats) -> Floats:
 
     Args:
         sums: (2, 3) counts, sums and sums of squares.
-        value: of any shape.
+        value: feature values, of any shape.
     """
     flat = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
     return _log_ratios(feature_likelihood(sums), flat).reshape(value.shape)
@@ -153,7 +153,7 @@ def log_feature_ratios(
     Args:
         cues: features of the people in `AssociationFeatures.key`.
         people: N people, the same or more.
-        frames: of the time step.
+        frames: detections of each frame of the time step.
         dimension: K of the boxes' appearance; 0: boxes have no appearance.
     """
     M = sum(len(frame.boxes) for frame in frames)
@@ -189,9 +189,9 @@ def update_features(
     """Update the feature statistics and the appearances of people with the associations of one time step.
 
     Args:
-        cues: before.
+        cues: statistics before the time step.
         people: N people after the update.
-        frames: of the time step.
+        frames: detections of each frame of the time step.
         dimension: K of the boxes' appearance.
         beta: (N, M) probabilities that boxes are of people.
         free: (M,) that they are of none.

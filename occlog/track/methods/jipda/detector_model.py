@@ -163,11 +163,11 @@ def update_edge_errors(
     """Update the sums of the noise model with the disagreements of one time step.
 
     Args:
-        edges: before.
+        edges: sums before the time step.
         t_ns: time of the time step.
-        boxes: of it.
-        found: how far its cameras disagree.
-        key: (N,) of people.
+        boxes: frames of the time step with their M boxes, packed.
+        found: how far the cameras disagree at the time step.
+        key: (N,) keys of the people.
         owner: (M,) person of each box.
         lasts: (C,) how many times as long errors that last count.
     """
@@ -216,12 +216,12 @@ def _changes(
     Their ratio is (1 - r^2) / (1 - r), with r the frame-to-frame correlation; slower errors cancel.
 
     Args:
-        edges: before.
+        edges: sums before the time step.
         t_ns: time of the time step.
         used: (n,) indices of the boxes that count.
-        camera: (M,) of all boxes.
+        camera: (M,) camera of each box.
         found: disagreement of the boxes.
-        key: (n,) people whom the boxes are of.
+        key: (n,) key of the person of each box that counts.
     """
     noise, sums = edge_noise_variance(edges), edges.changes.copy()
     noise[MIDDLES, 1] += correlated_noise(edges)
@@ -490,7 +490,7 @@ def source_rates(sources: Clutter, again: float) -> Floats:
     """(n,) expected number of boxes of each clutter source in the next frame.
 
     Args:
-        sources: of a camera.
+        sources: clutter sources of a camera.
         again: probability that a clutter box persists in the camera's next frame.
     """
     share = (PRIOR_SOURCE_FRAMES * again + sources.hits) / (PRIOR_SOURCE_FRAMES + sources.tries)
@@ -510,7 +510,7 @@ def update_sources(
     """Update the clutter sources of a camera with one frame.
 
     Args:
-        sources: before.
+        sources: clutter sources before the frame.
         box: (m, 4) boxes of the frame [px].
         free: (m,) probability that a box is of no person.
         again: probability that a clutter box persists in the camera's next frame.
@@ -626,8 +626,8 @@ def blind_frames(boxes: PackedDetections, existence: Floats, detection: Floats) 
     """(L,) mask of empty frames that are more probably blind (no output of the detector) than misses of all people.
 
     Args:
-        boxes: of L frames.
-        existence: (N,) of people.
+        boxes: L frames with their boxes, packed.
+        existence: (N,) existence probabilities of the people.
         detection: (L, N) probabilities of detection.
     """
     missed = np.log1p(-existence * np.minimum(detection, DETECTION_RANGE[1])).sum(axis=1)
@@ -651,14 +651,14 @@ def update_statistics(
     Clutter is counted after track initiation (`_update_clutter`).
 
     Args:
-        counts: before.
+        counts: statistics before the time step.
         people: N people after the update.
         before: (N,) their existence probabilities before it.
         dt: time since the last time step [s].
         config: durations of manoeuvres and of posture changes.
-        boxes: of the time step.
-        rates: of the detectors.
-        result: of the update.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
+        result: associations and existence from the update.
         alone: positions are all there is: a missed detection lowers the existence of the person, so that who surely
             exists is judged before it, or no miss would ever be counted.
     """

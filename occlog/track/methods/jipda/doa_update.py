@@ -38,8 +38,8 @@ def update_by_directions(state: JipdaState, heard: DirectionsOfArrival, array: M
     Args:
         state: after the time step before; it stays as it is, and keeps its time: the people are compared with the
             directions where they walk on to.
-        heard: at or after the time of the state.
-        array: that heard them.
+        heard: directions, at or after the time of the state.
+        array: array that the directions are from.
     """
     people = state.people
     if not len(people.key) or not len(heard.bearing) or state.t_ns is None:

@@ -482,11 +482,11 @@ def _false_seeds(
     tentative track ends.
 
     Args:
-        state: before the time step.
-        frames: of the time step.
+        state: state of the filter before the time step.
+        frames: detections of each frame of the time step.
         used: (K, M) shares of the detections in new tracks.
-        new: (K,) their keys.
-        ids: of all tracks, NO_ID of tentative ones.
+        new: (K,) keys of the new tracks.
+        ids: identities of all tracks, NO_ID of tentative ones.
         stay: keys of the tracks that go on.
         cues: association features so far.
     """
@@ -522,9 +522,9 @@ def _learned_positions(
     """Return the error model of position sensors, updated with positions that surely belong to an existing person.
 
     Args:
-        state: before the time step.
-        frames: of the time step.
-        boxes: these packed; M boxes.
+        state: state of the filter before the time step.
+        frames: detections of each frame of the time step.
+        boxes: the same detections, packed; M boxes.
         people: N people after the update.
         owner: (M,) likeliest person; negative: none.
         beta: (N, M) probability that a box is of a person.
@@ -568,11 +568,11 @@ def associate(
 
     Args:
         mean: (N, 6) predicted bodies.
-        covariance: (N, 6, 6).
+        covariance: (N, 6, 6) covariances of the states.
         existence: (N,) probabilities.
         views: cameras.
         boxes: M boxes of L frames.
-        rates: of the detectors.
+        rates: parameters of the cameras' detectors.
         log_features: (N, M) log-likelihood ratios of tracklet ids, appearance and persistent clutter.
         arrivals: expected number of new people in the time step, a unit of area.
     """
@@ -635,10 +635,10 @@ def _update_clutter(
     """Update clutter counts and clutter sources with the boxes unassigned to existing and new tracks.
 
     Args:
-        counts: before.
-        boxes: of the time step.
+        counts: statistics before the time step.
+        boxes: frames of the time step with their M boxes, packed.
         free: (M,) probability that a box is of no person.
-        sources: of each camera.
+        sources: clutter sources of each camera.
         noise: (4, 2) variances of boxes, as in `DetectorModel.noise`.
         interval: (C,) time since each camera's last frame [s]; may be infinite.
     """

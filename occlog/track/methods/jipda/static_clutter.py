@@ -51,10 +51,10 @@ def update_static_clutter(
         people: after the update; N people.
         boxes: of the time step, M of L frames.
         at_source: (M,) boxes at an established source of clutter.
-        result: of the update.
+        result: associations and existence from the update.
         noise: (4, 2) variances of middles and sizes, as in `DetectorModel.noise`.
         interval: (C,) time since each camera's last frame [s]; may be infinite.
-        metre: in the scene's unit.
+        metre: one metre in the scene's unit.
         cameras: number of views that are cameras; sources of positions come after them, and only confirm or deny.
     """
     known, denying = people.static_known.copy(), np.zeros(len(people.key), dtype=np.int64)

@@ -94,7 +94,7 @@ def tentative_targets(
 
     Args:
         mean: (K, 6) of the observed bodies.
-        covariance: (K, 6, 6).
+        covariance: (K, 6, 6) covariances of the states.
         existence: (K,) probabilities.
         boxes: (K,) numbers of their boxes.
         first_key: number of the first initiation; the others follow.
@@ -234,7 +234,7 @@ def update(
     """Update the tracks by a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
 
     Args:
-        people: predicted.
+        people: tracks as predicted.
         information: (N, 6, 6) I.
         vector: (N, 6) v.
         gait_variance: variance of the visible body about the walking position; the factor is of the visible body.
@@ -286,7 +286,7 @@ def apply_exclusion_prior(people: TargetSet, s: float) -> TargetSet:
     """Apply the exclusion prior: no two people at one position (`kernels.exclusion`).
 
     Args:
-        people: predicted.
+        people: tracks as predicted.
         s: standard deviation of the distance at which two people do not stand, > 0.
     """
     if len(people.key) < 2:
@@ -414,13 +414,13 @@ def update_map(
     """Update the birth intensity map with dt more seconds.
 
     Args:
-        known: before.
-        dt: seconds.
-        people: (n, 2) where those are who are sure.
-        existence: (n,) how surely.
-        left: (k, 2) where people were last detected who left.
-        came: (m, 2) where people were first detected who are sure by now.
-        velocity: (m, 2) theirs.
+        known: map before.
+        dt: time since the last update [s].
+        people: (n, 2) positions of people who surely exist.
+        existence: (n,) existence probabilities of these people.
+        left: (k, 2) positions where people were last detected who left.
+        came: (m, 2) positions where people were first detected who surely exist by now.
+        velocity: (m, 2) velocities of the people who came.
     """
     positions = np.concatenate([people, left, came])
     rows, cells = dict(known.row), []

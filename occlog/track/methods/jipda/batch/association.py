@@ -101,9 +101,9 @@ def assign_boxes(
     """Give predicted people the boxes that are most probably theirs, and initiate new people from unassigned boxes.
 
     Args:
-        state: of the filter.
-        boxes: of the time step.
-        rates: of the detectors.
+        state: state of the filter.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
         hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
         appearance: (M, K) vectors of length 1; NaN: none.
         seen: predicted people that are accepted to be there, updated with the boxes.
@@ -179,7 +179,7 @@ def assign_shared_boxes(followed: Ints, rows: Ints, joint: Floats, given: Ints, 
         rows: (n,) positions of these people among all, of whom those who are expected come first.
         joint: (N, M) probability that a box is of a person who is expected and a neighbour.
         given: (L, n) box of each person alone in each frame; NO_NODE.
-        boxes: of the time step.
+        boxes: frames of the time step with their M boxes, packed.
     """
     for k in np.flatnonzero((rows < len(joint)) & (followed != NO_NODE).any(axis=1)).tolist():
         names, often = np.unique(followed[k][followed[k] != NO_NODE], return_counts=True)

@@ -80,11 +80,11 @@ def multiply_factor(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: f
     """Update a Gaussian density by a measurement factor, in place; return the log of the integral of the product.
 
     Args:
-        mean: (6,) in place.
-        covariance: (6, 6) in place.
-        J: (6, 6) information of the factor.
-        h: (6,) its vector.
-        c: its constant.
+        mean: (6,) changed.
+        covariance: (6, 6) changed.
+        J: (6, 6) information matrix of the factor.
+        h: (6,) information vector of the factor.
+        c: constant term of the factor's logarithm.
     """
     prior, post = np.empty((STATE_SIZE, STATE_SIZE)), np.empty((STATE_SIZE, STATE_SIZE))
     log_det = invert(covariance, prior)
@@ -115,10 +115,10 @@ def initial_density(
 
     Args:
         prior: (6,) precisions of the state of a new target; 0 for x and y.
-        at: (6,) its means; those of x and y are ignored.
-        J: (6, 6) information of the first position, or of it and all that follow.
-        h: (6,) its vector.
-        c: its constant.
+        at: (6,) prior means; those of x and y are ignored.
+        J: (6, 6) information matrix of the first position, or of it and all that follow.
+        h: (6,) information vector that belongs to J.
+        c: constant term of the factor's logarithm.
         mean: (6,) written.
         covariance: (6, 6) written.
     """
@@ -151,9 +151,9 @@ def log_begun(prior: Floats, at: Floats, J: Floats, h: Floats, c: Floats) -> Flo
 
     Args:
         prior: (6,) precisions of the state of a new target; 0 for x and y.
-        at: (6,) its means.
-        J: (n, 6, 6) information.
-        h: (n, 6) vectors.
+        at: (6,) prior means; those of x and y are ignored.
+        J: (n, 6, 6) information matrices.
+        h: (n, 6) information vectors.
         c: (n,) constants.
     """
     out, mean, covariance = np.empty(len(c)), np.empty(STATE_SIZE), np.empty((STATE_SIZE, STATE_SIZE))

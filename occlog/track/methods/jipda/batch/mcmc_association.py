@@ -229,10 +229,10 @@ def joined(
     The most probable motion model between the two is returned: constant velocity, manoeuvre or posture change.
 
     Args:
-        nodes: all nodes.
+        nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
-        i: node.
+        i: index of the node.
         mean: (6,) of its forward message.
         covariance: (6, 6) of its forward message.
         past: log likelihood of its forward message.
@@ -338,12 +338,12 @@ def forward_of(
     """Write the forward message of node k after node i (`NO_NODE`: start), and return its log likelihood.
 
     Args:
-        nodes: all nodes.
+        nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         chain: with the forward message of node i.
         i: node before.
-        k: node.
+        k: index of the node.
         model: motion model between the two.
         mean: (6,) written.
         P: (6, 6) covariance, written.
@@ -572,13 +572,13 @@ def propose_successor(
     """Propose another successor of node i, or none (exchange of tails); return 1 if it is accepted, else 0.
 
     Args:
-        nodes: all nodes.
+        nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         listed: candidate links.
         known: cache of link probabilities.
         chain: changed in place if it is accepted.
-        i: node.
+        i: index of the node.
         u: uniform in [0, 1), chooses the successor.
         log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
     """
@@ -634,13 +634,13 @@ def propose_insertion(
     """Propose that node k enters a track or leaves its track; return 1 if it is accepted, else 0.
 
     Args:
-        nodes: all nodes.
+        nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         listed: candidate links.
         known: cache of link probabilities.
         chain: changed in place if it is accepted.
-        k: node.
+        k: index of the node.
         u: uniform in [0, 1), chooses the place in a track.
         log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
         temperature: of the chain; weighs the number of places from which an entry is drawn.
@@ -710,13 +710,13 @@ def propose_swap(
     Return 1 if it is accepted, else 0.
 
     Args:
-        nodes: all nodes.
+        nodes: all nodes of the chain.
         walk: motion models.
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         listed: nodes of one time step that may be swapped.
         known: cache of link probabilities.
         chain: changed in place if it is accepted.
-        k: node.
+        k: index of the node.
         u: uniform in [0, 1), chooses the other node.
         log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
     """

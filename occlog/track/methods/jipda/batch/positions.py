@@ -37,7 +37,7 @@ def smoothed_positions(
 
     Args:
         walk: K rows of tracks at time steps, in the order of time steps.
-        tracks: their positions and factors.
+        tracks: nodes of the tracks, with their measurement factors.
         span: the time steps.
         own: (n,) variance of each position about the walk, per axis.
         square: that variance where a track has no position.
@@ -69,10 +69,10 @@ def _smoothed(
 
     Args:
         walk: K rows of tracks at time steps, in the order of time steps.
-        tracks: their positions and motion models.
+        tracks: nodes of the tracks, with their motion models.
         span: the time steps.
-        J: (K, 6, 6) information of the boxes of each row; 0 without boxes.
-        h: (K, 6) its vector.
+        J: (K, 6, 6) information matrix of the boxes of each row; 0 without boxes.
+        h: (K, 6) information vector of these boxes.
         common: variance per axis and correlation time [s] of the common error.
     """
     K = len(walk.track)

@@ -254,10 +254,10 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
     """(N, M) similarity of boxes (M, K) to N tracks at all other time steps; NaN if either has no appearance.
 
     Args:
-        tracks: of the positions.
+        tracks: nodes and tracks of the chain.
         head: (N,) first positions of tracks.
         node: (N,) position at the time step; NO_NODE: none.
-        boxes: vectors of length 1.
+        boxes: (M, K) appearances of boxes, vectors of length 1.
     """
     appearance = tracks.chain.sums.later[head]
     has = node != NO_NODE
@@ -308,11 +308,11 @@ def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float,
     Nodes outside tracks get the scale.
 
     Args:
-        tracks: of the positions.
+        tracks: nodes and tracks of the chain.
         span: the time steps.
         square: scale before.
         new: variance of the common error that neighbouring positions do not share.
-        metre: in the scene's unit.
+        metre: one metre in the scene's unit.
     """
     walk = _states(tracks, span, 0.0)
     rows = np.flatnonzero(walk.node != NO_NODE)
@@ -354,12 +354,12 @@ def _reassociate(
     The result is by time step.
 
     Args:
-        state: of the filter.
+        state: state of the filter.
         packed: boxes of each time step.
-        rates: of the detectors.
+        rates: parameters of the cameras' detectors.
         hints: (M, 2) identities of the boxes of each time step.
-        appearance: (M, K) unit vectors of these.
-        tracks: of the chain.
+        appearance: (M, K) appearances of the boxes of each time step, vectors of length 1.
+        tracks: nodes and tracks of the chain.
         span: the time steps.
         own: (n,) variance of each node about its smooth track, per axis.
         square: that variance where a track has no node.
@@ -417,12 +417,12 @@ def _smoothed_snapshots(
     """Return smoothed people at every time step; tracks less likely than clutter are omitted.
 
     Args:
-        tracks: of the chain.
+        tracks: nodes and tracks of the chain.
         span: the time steps.
-        packed: boxes of each.
-        frames: of each, as given to the filter.
-        snapshots: results of the filter at each.
-        seen: last association of each, by index.
+        packed: boxes of each time step.
+        frames: frames of each time step, as given to the filter.
+        snapshots: results of the filter at each time step.
+        seen: last association of the boxes, by index of the time step.
         own: (n,) variance of each node about its smooth track, per axis.
         square: that variance where a track has no node.
         walk: states of the tracks at the time steps.
@@ -530,8 +530,8 @@ def add(
     """Add the filter's output of a time step, and return the time steps older than the lag.
 
     Args:
-        window: before.
-        state: of the filter after the time step.
+        window: window before the time step.
+        state: state of the filter after the time step.
         frames: of the time step, as they were given to the filter.
         snapshot: results of the filter.
     """

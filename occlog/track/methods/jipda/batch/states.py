@@ -50,8 +50,8 @@ def states(
 
     Args:
         nodes: n positions.
-        walk: of people.
-        chain: with messages.
+        walk: motion models of people.
+        chain: links and messages of the nodes.
         time: (T,) time steps [s].
         first: (T,) time step from which a track that begins at a time step is wanted.
         last: (T,) time step to which one that ends there is.

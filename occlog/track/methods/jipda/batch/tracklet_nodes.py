@@ -47,10 +47,10 @@ def frame_visibilities(
 
     Args:
         views: cameras.
-        boxes: of the time step.
-        rates: of the detectors.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
         mean: (N, 6) people.
-        covariance: (N, 6, 6).
+        covariance: (N, 6, 6) covariances of the states.
         there: (N,) probability that they are there and hide others.
     """
     L, N = boxes.camera.shape[0], mean.shape[0]
@@ -124,8 +124,8 @@ def factors(
 
     Args:
         views: cameras.
-        boxes: of the time step.
-        rates: of the detectors.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
         mean: (N, 6) where the boxes are made linear.
         given: (L, N) box of the person in each frame; -1: no box.
         detection: (L, N) probabilities.
@@ -253,12 +253,12 @@ def gait_variances(
     """Gait variances (n,) per axis of nodes about their smooth tracks, and the new scale s^2 (`EM_STEPS` of EM).
 
     Args:
-        J: (n, 6, 6) information of each node.
-        h: (n, 6) its vector.
+        J: (n, 6, 6) information matrix of each node.
+        h: (n, 6) information vector of each node.
         mean: (n, 6) the walk at the same time steps, without the node.
         covariance: (n, 6, 6) of `mean`.
         scale: s^2 before.
-        metre: in the scene's unit.
+        metre: one metre in the scene's unit.
     """
     if not len(J):
         return np.zeros(0), scale

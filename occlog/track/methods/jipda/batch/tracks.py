@@ -157,10 +157,10 @@ def tracks_from(
     """Convert the people of all time steps to nodes of a Markov chain, linked by their tracks.
 
     Args:
-        found: of each time step.
+        found: people with their boxes at each time step.
         span: the time steps.
-        config: settings.
-        known: where people leave.
+        config: settings of the method.
+        known: map of the positions where people leave.
         scatter: variance of a position about the walk, or that of each position (n,).
         free: the links are to be changed: those that the chain could not make are cut.
         law: likelihood of similarities of boxes.

@@ -50,10 +50,10 @@ def possible_identity_switches(
     """Find possible identity switches: events by the time step from which the identities may be wrong.
 
     Args:
-        tracks: of the positions.
+        tracks: nodes and tracks of the chain.
         span: the time steps.
         number: (n,) track of each position; NO_NODE: no track.
-        identity: of each track; NO_ID: it is not reported.
+        identity: identity of each track; NO_ID: it is not reported.
     """
     walk = tracks.walk._replace(reach=min(tracks.walk.reach, 4))
     listed = listed_of(tracks._replace(walk=walk), span)
@@ -148,7 +148,7 @@ def widening(
 
     Args:
         views: cameras.
-        rates: of the detectors, for all frames.
+        rates: parameters of the cameras' detectors, for all frames.
         packed: boxes of each time step.
         found: people of each time step with their boxes.
         walk: states of the tracks of these people, in the order of time steps.
@@ -175,7 +175,7 @@ def long_run_variance(key: Ints, frame: Ints, error: Floats, most: int) -> float
 
     Args:
         key: (n,) number of each error's series.
-        frame: (n,) its frame.
+        frame: (n,) number of each error's frame.
         error: (n,) errors.
         most: maximum lag in frames.
     """

@@ -206,11 +206,11 @@ def expected_box(lens: Floats, x: float, y: float, height: float, width: float, 
     """Write the expected box (4,) [px] of a person, and return the depth of the person's centre along the optical axis.
 
     Args:
-        lens: (LENS,) of the camera, a row of `PackedCameras.lens`.
-        x: position on the floor.
-        y: the same.
-        height: of the person, > 0.
-        width: of the person, > 0.
+        lens: (LENS,) row of the camera in `PackedCameras.lens`.
+        x: first coordinate of the person on the floor.
+        y: second coordinate of the person on the floor.
+        height: height of the person, > 0.
+        width: width of the person, > 0.
         box: (4,) left, top, right, bottom [px], written; it may lie outside the image.
 
     Returns:
@@ -296,9 +296,9 @@ def project(views: PackedCameras, c: int, mean: Floats, covariance: Floats, dela
 
     Args:
         views: cameras.
-        c: which of them.
+        c: index of the camera.
         mean: (n, 6) states.
-        covariance: (n, 6, 6) of them.
+        covariance: (n, 6, 6) covariances of the states.
         delay: how much later than the states the frame is [s].
         out: (n, 8) written: left, top, right, bottom [px], xx, xy and yy of the centre's covariance [px^2], and the
             depth; -1 where the person is behind the camera, and nothing else is written.

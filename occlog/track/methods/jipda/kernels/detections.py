@@ -67,10 +67,10 @@ def axis_noise(rates: DetectorModel, axis: int, width: float, height: float, las
     """Variances [px^2] of the centre and of the size of a box along one axis.
 
     Args:
-        rates: of the detectors.
+        rates: parameters of the cameras' detectors.
         axis: 0: across, 1: down.
-        width: of the box.
-        height: of the box.
+        width: width of the box [px].
+        height: height of the box [px].
         lasting: factor of the gait variance.
     """
     size = width if axis == 0 else height
@@ -174,9 +174,9 @@ def add_axis_precision(
         axis: 0: left and right, 1: top and bottom.
         low: the left or top edge is observed.
         high: the right or bottom edge is observed.
-        low_weight: weight where it alone is observed.
-        high_weight: weight where it alone is observed.
-        both: weight where both are.
+        low_weight: weight if the low edge alone is observed.
+        high_weight: weight if the high edge alone is observed.
+        both: weight if both edges are observed.
         out: (4, 4) changed.
     """
     a, b = axis, axis + 2

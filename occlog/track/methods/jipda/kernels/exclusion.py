@@ -26,10 +26,10 @@ def apply_exclusion(
 
     Args:
         mean: (N, A, 6) states of N people by A models, position (x, y) first.
-        covariance: (N, A, 6, 6).
+        covariance: (N, A, 6, 6) covariances of the states.
         weight: (N, A) factors, multiplied by the share of the density that is left.
-        position: (N, 2) of the same people, of all models together.
-        spread: (N, 2, 2) its covariance.
+        position: (N, 2) positions of the same people, from all models together.
+        spread: (N, 2, 2) covariances of these positions.
         existence: (N,) probability that a person is there, < 1.
         s: standard deviation of the distance at which two people do not stand, > 0; in the unit of the positions.
     """
@@ -51,8 +51,8 @@ def _without(mean: Floats, covariance: Floats, position: Floats, spread: Floats,
     Args:
         mean: (6,), changed in place.
         covariance: (6, 6), changed in place.
-        position: (2,) of the other.
-        spread: (2, 2) its covariance.
+        position: (2,) position of the other person.
+        spread: (2, 2) covariance of this position.
         existence: p, probability that the other is there.
         s2: square of s.
     """

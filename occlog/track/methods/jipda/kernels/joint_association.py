@@ -122,9 +122,9 @@ def predict_boxes(views: PackedCameras, c: int, delay: float, rates: DetectorMod
 
     Args:
         views: cameras.
-        c: which camera.
+        c: index of the camera.
         delay: how much later than the time step the frame is [s].
-        rates: of the detectors.
+        rates: parameters of the cameras' detectors.
         predicted: `mean` and `covariance` are read, the others written but `existence` and `covered`.
     """
     m, P = predicted.mean, predicted.covariance
@@ -195,7 +195,7 @@ def missed_detection_ratio(existence: Floats, detection: Floats, frames: int) ->
     together.
 
     Args:
-        existence: (N,).
+        existence: (N,) existence probabilities.
         detection: (N,) probabilities of detection.
         frames: number of frames that are blind if this one is.
     """
@@ -220,12 +220,12 @@ def associate_frame(
     ((1 - r P_D) (1 + b)).
 
     Args:
-        existence: (N,) r.
-        detection: (N,) P_D.
-        ratio: (N, m) l.
+        existence: (N,) existence probabilities r.
+        detection: (N,) detection probabilities P_D.
+        ratio: (N, m) likelihood ratios l of person and box.
         pair: (K, 2) people who touch.
-        pair_ratio: (K, m) likelihood ratios of their outlines, with the probabilities of detection and of merging.
-        new: b.
+        pair_ratio: (K, m) likelihood ratios of the pairs' outlines, with the probabilities of detection and of merging.
+        new: b, expected number of boxes of new people over that of clutter.
     """
     N, M, K = ratio.shape[0], ratio.shape[1], pair.shape[0]
     weight, pair_weight = np.zeros((N, M)), np.zeros((K, M))
@@ -290,11 +290,11 @@ def marginal_probabilities(
     Args:
         existence: (N,) before the frame.
         found: association of the frame.
-        pair: (K, 2).
+        pair: (K, 2) people who touch.
         beta: (N, m) written: boxes of the person alone.
-        joint: (N, m) written: with a neighbour.
-        free: (m,) written: of none of the people.
-        owner: (m,) written; -1: none.
+        joint: (N, m) written: boxes of the person together with a neighbour.
+        free: (m,) written: probability that a box is of none of the people.
+        owner: (m,) written: most probable person of each box; -1: none.
     """
     N, M = beta.shape
     beta[:], joint[:], free[:], owner[:] = found.beta, 0.0, 1.0, -1
@@ -326,10 +326,10 @@ def add_hypothesis(
         precision: (6, 6) inverse of the prior's covariance.
         H: (4, 6) Jacobian of the edges.
         W: (4, 4) precision of the edges.
-        off: (4,) edges minus those that are expected.
-        probability: of the hypothesis.
-        first: (6,) changed.
-        second: (6, 6) changed.
+        off: (4,) edges minus the expected ones.
+        probability: probability of the hypothesis.
+        first: (6,) first moment, changed.
+        second: (6, 6) second moment, changed.
     """
     HW = H.T @ W
     P = precision + HW @ H
@@ -387,8 +387,8 @@ def expectation_propagation_site(
 
     Args:
         predicted: people in the frame, from the cavity.
-        i: person.
-        boxes: of the time step.
+        i: index of the person.
+        boxes: frames of the time step with their M boxes, packed.
         start: first box of the frame.
         stop: one after its last box; m boxes.
         whole: (m,) probability that no edge of a box is an outlier.
@@ -450,10 +450,10 @@ def count_edges(
     """Add the outlier edges of a frame's boxes to the expected `counts`, in place; boxes of two people are omitted.
 
     Args:
-        boxes: of the time step.
+        boxes: frames of the time step with their M boxes, packed.
         start: index of the frame's first box.
         predicted: people in the frame.
-        likelihoods: of the frame's boxes.
+        likelihoods: likelihood ratios of the frame's boxes.
         best: most probable hypothesis of each person.
         counts: changed.
     """
@@ -503,11 +503,11 @@ def update_targets(
 
     Args:
         mean: (N, 6) predicted.
-        covariance: (N, 6, 6).
-        existence: (N,).
+        covariance: (N, 6, 6) covariances of the states.
+        existence: (N,) existence probabilities.
         views: cameras.
-        boxes: of the time step.
-        rates: of the detectors.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
         log_features: (N, M) log-likelihood ratios of hints and appearance.
         new: expected number of boxes of people who are not among the N, as a share of the false alarms.
         gate: greatest squared Mahalanobis distance of a box.

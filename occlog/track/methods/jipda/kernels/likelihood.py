@@ -45,7 +45,7 @@ def outlier_density(edge: int, box: Floats, below: float, cut: float, wrong: flo
     """Density [1/px] of an edge that is an outlier, times its probability.
 
     Args:
-        edge: which one.
+        edge: index of the edge: left, top, right, bottom.
         box: (4,) expected [px].
         below: how far the lower edge lies below the expected one [px].
         cut: probability that the box ends where the cover of the feet begins.
@@ -83,12 +83,12 @@ def association_likelihood_ratios(
         spread: (N, 4, 4) covariances of the expected edges.
         covered: (N,) probability that the feet are covered.
         detection: (N,) probabilities of detection.
-        boxes: of the time step.
+        boxes: frames of the time step with their M boxes, packed.
         start: first box of the frame.
         stop: one after its last box.
-        rates: of the detectors.
-        width: of the image [px].
-        height: of the image [px].
+        rates: parameters of the cameras' detectors.
+        width: width of the image [px].
+        height: height of the image [px].
         log_features: (N, M) log-likelihood ratios of hints and appearance.
         gate: greatest squared Mahalanobis distance.
     """
@@ -156,7 +156,7 @@ def position_likelihood_ratios(
         box: (N, 4) expected positions x, y in the first two columns.
         spread: (N, 4, 4) covariances of them.
         detection: (N,) probabilities of detection.
-        boxes: of the time step.
+        boxes: frames of the time step with their M boxes, packed.
         start: first position of the frame.
         stop: one after its last position.
         area: that false positions are uniform in.

@@ -129,13 +129,13 @@ def pair_likelihoods(
         noise: (N, 4, 4) covariances of edges.
         spread: (N, 4, 4) covariances of the expected edges.
         visible: (N,) visible shares.
-        boxes: of the time step.
+        boxes: frames of the time step with their M boxes, packed.
         start: first box of the frame.
         stop: one after its last box.
-        rates: of the detectors.
-        c: camera.
-        width: of its image [px].
-        height: of its image [px].
+        rates: parameters of the cameras' detectors.
+        c: index of the camera.
+        width: width of the camera's image [px].
+        height: height of the camera's image [px].
         new: expected number of boxes of new people, as a share of the false alarms.
         gate: greatest squared Mahalanobis distance.
     """

@@ -209,18 +209,18 @@ def propose_track(
 
     Args:
         views: cameras.
-        boxes: of the time step.
-        rates: of the detectors.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
         arrival: expected numbers of new people.
-        tracked: those who are tracked.
-        free: (M,) probability that a box is of none of them.
-        frame: of the box that proposes.
-        seed: that box.
+        tracked: people who are tracked already.
+        free: (M,) probability that a box is of no tracked person.
+        frame: index of the frame of the box that proposes.
+        seed: index of the box that proposes.
         gate: greatest squared Mahalanobis distance.
         mean: (6,) written.
         covariance: (6, 6) written.
-        used: (M,) written: share with which a box is theirs.
+        used: (M,) written: share with which a box is of the new person.
     """
     c = boxes.camera[frame]
     used[:] = 0.0
@@ -304,14 +304,14 @@ def initiate_targets(
 
     Args:
         views: cameras.
-        boxes: of the time step.
-        rates: of the detectors.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
         arrival: expected numbers of new people.
-        people: (N, 6) those who are tracked.
-        spread: (N,) standard deviation of their positions.
-        existence: (N,).
-        free: (M,) probability that a box is of none of them.
+        people: (N, 6) people who are tracked already.
+        spread: (N,) standard deviation of these people's positions.
+        existence: (N,) existence probabilities of these people.
+        free: (M,) probability that a box is of no tracked person.
         gate: greatest squared Mahalanobis distance.
         least: log odds below which no track is initiated.
     """

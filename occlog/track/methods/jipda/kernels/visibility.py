@@ -67,9 +67,9 @@ def visibility(
 
     Args:
         views: cameras and static occluders.
-        c: which camera.
+        c: index of the camera.
         state: (6,) of the person.
-        i: their index among all people.
+        i: index of the person among the N people.
         box: (N, 4) expected boxes [px].
         depth: (N,) along the optical axis; negative: not in front of the camera.
         spread_px: (N,) standard deviation of the box's middle, across the image [px].
@@ -174,12 +174,12 @@ def occlude_by_static(
 
     Args:
         views: cameras and static occluders.
-        c: which camera.
-        x: position on the floor.
-        y: the same.
-        height: of the person.
-        width: of the person.
-        cells: from the top and from the left.
+        c: index of the camera.
+        x: first coordinate of the person on the floor.
+        y: second coordinate of the person on the floor.
+        height: height of the person.
+        width: width of the person.
+        cells: visibility of the person's cells, from the top and from the left; changed.
     """
     if views.top.shape[0] == 0 or views.lens[c, MODEL] == GROUND_PLANE:
         return

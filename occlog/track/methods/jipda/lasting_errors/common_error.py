@@ -99,7 +99,7 @@ def update_common_error(
     """Update the posterior of the common error with the positions of one time step.
 
     Args:
-        known: before.
+        known: posterior before the time step.
         t_ns: time of the time step.
         key: (n,) people, ascending.
         position: (n, 2) as the boxes of the time step alone give them; NaN: too few boxes.

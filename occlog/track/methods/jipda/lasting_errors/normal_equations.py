@@ -55,7 +55,7 @@ def solve_batches(batches: Floats, prior_precision: float = 0.0) -> tuple[Floats
 
     Args:
         batches: (B, K, K + 1) N and b of each batch, in the order of time.
-        prior_precision: of each parameter about 0.
+        prior_precision: prior precision of each parameter about 0.
 
     Returns:
         (K,) parameters, by the pseudo-inverse; (K,) what each would have to be to differ from 0 with the probability

@@ -192,7 +192,7 @@ def position_covariances(errors: PositionErrors, c: int, stated: Floats) -> Floa
     """(n, 3) noise covariances (xx, xy, yy) of a sensor's positions for the update.
 
     Args:
-        errors: of all sources.
+        errors: error models of all position sensors.
         c: index of the source among the views.
         stated: (n, 3) as the source states them; NaN: not stated.
     """
@@ -233,13 +233,13 @@ def update_position_errors(
     """Update the bank of a position sensor with the positions of one frame.
 
     Args:
-        errors: before.
+        errors: error models before the frame.
         c: index of the source among the views.
         t_ns: time of the frame.
-        position: (n, 2) that are surely of one target each.
+        position: (n, 2) positions that are surely of one target each.
         stated: (n, 3) covariances as the source states them; NaN: not stated.
-        key: (n,) their targets.
-        all_keys: of the targets that still exist.
+        key: (n,) keys of the targets of these positions.
+        all_keys: keys of the targets that still exist.
     """
     k = c - errors.first
     bank = errors.banks[k]
@@ -288,8 +288,8 @@ def _begin(bank: ErrorBank, key: Ints, t_ns: int, position: Floats, base: Floats
     """Return the bank with n new targets added.
 
     Args:
-        bank: before.
-        key: (n,) targets.
+        bank: filter bank before.
+        key: (n,) keys of the targets.
         t_ns: time of their first positions.
         position: (n, 2) first positions.
         base: (n,) unit of the total variance.
@@ -362,12 +362,12 @@ def _advance_bank(
         covariance: (N, G, 4, 4) changed in the rows.
         rows: (n,) targets.
         dt: (n,) seconds since their last positions.
-        position: (n, 2) measured.
+        position: (n, 2) measured positions.
         base: (n,) unit of the total variance.
-        total: (G,) and so on as in `ErrorBank`.
-        share: (G,)
-        tau: (G,)
-        q: (G,)
+        total: (G,) total variance of each combination, as in `ErrorBank`.
+        share: (G,) shares, as in `ErrorBank`.
+        tau: (G,) correlation times, as in `ErrorBank`.
+        q: (G,) process noises, as in `ErrorBank`.
         gait: variance of g.
         counted: (n,) whether the innovation counts: the velocity is known.
         evidence: (G,) changed.

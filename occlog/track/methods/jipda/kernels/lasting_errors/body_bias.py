@@ -27,7 +27,7 @@ def body_bias_shift(
         mean: (N, 6) people.
         covariance: (N, 6, 6): of it the variances of heights and widths.
         views: C cameras and sources of positions.
-        rates: of the detectors.
+        rates: parameters of the cameras' detectors.
 
     Returns:
         (N, 2) shift for a bias of one height of the box; (N,) its length as a share of the sum of what single cameras

@@ -47,12 +47,12 @@ def camera_disagreement(
 
     Args:
         mean: (N, 6) of all people after the update; the body comes from here, as surely as it is known.
-        covariance: (N, 6, 6).
+        covariance: (N, 6, 6) covariances of the states.
         views: cameras.
-        boxes: of the time step.
-        rates: of the detectors.
+        boxes: frames of the time step with their M boxes, packed.
+        rates: parameters of the cameras' detectors.
         owner: (M,) person of a box.
-        good: (M,) boxes that are surely theirs, whole and in plain view.
+        good: (M,) whether a box is surely of its owner, whole and in plain view.
     """
     N, M = mean.shape[0], boxes.box.shape[0]
     residual, kept, size = np.zeros((M, 4)), np.zeros((M, 4)), np.ones((M, 4))

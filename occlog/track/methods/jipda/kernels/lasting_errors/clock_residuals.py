@@ -29,7 +29,7 @@ def clock_residuals(
         views: C cameras and sources of positions.
         boxes: M boxes of the time step; `delay` holds the offsets that are corrected.
         owner: (M,) person of a box, or -1.
-        good: (M,) boxes that are surely theirs.
+        good: (M,) whether a box is surely of its owner.
         late: (C,) offset [s] by which each camera's frames are corrected in `delay`.
         centre: (C, 4) means of the residuals [heights] and velocities [heights/s] of each camera: a pose that is wrong
             shifts boxes, too.

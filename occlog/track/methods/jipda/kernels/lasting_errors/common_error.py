@@ -33,10 +33,10 @@ def initial_moments(moments: Floats, z: float, noise: float, square: float, velo
 
     Args:
         moments: (3, 10) written.
-        z: position.
-        noise: variance of its white error.
+        z: measured position along one axis.
+        noise: variance of the position's white error.
         square: s^2 of the grid point.
-        velocity: variance of the velocity of who walks.
+        velocity: prior variance of the velocity of a walking person.
     """
     moments[:] = 0.0
     for a in range(MODELS):
@@ -73,7 +73,7 @@ def advance_moments(
         to: (3, 3) transition probabilities over dt, from row to column.
         dt: time since the last position [s].
         density: (3,) of the random walk of who stands, and of the acceleration of the other models.
-        z: position.
+        z: measured position along one axis.
         noise: variance of its white error.
         square: s^2.
         rho: correlation of the error over dt.

@@ -37,12 +37,12 @@ def pose_residuals(
 
     Args:
         mean: (P, 6) people.
-        covariance: (P, 6, 6).
+        covariance: (P, 6, 6) covariances of the states.
         views: C cameras and sources of positions.
         boxes: M boxes of the time step.
-        rates: of the detectors.
+        rates: parameters of the cameras' detectors.
         owner: (M,) person of a box, or -1.
-        good: (M,) boxes that are surely theirs.
+        good: (M,) whether a box is surely of its owner.
 
     Returns:
         (2 C, 2 C + 1) N and b of N angles = b [rad].
@@ -80,9 +80,9 @@ def centre_rows(
         state: (6,) person.
         camera: index of the camera.
         lens: row of the packed camera.
-        delay: of the frame after the state [s].
+        delay: time of the frame after that of the state [s].
         box: (4,) corners [px].
-        rates: of the detectors.
+        rates: parameters of the cameras' detectors.
         out: (2, 3 + 2 C + 1) zeros; filled.
 
     Returns:
