@@ -241,10 +241,10 @@ def _proposed(
 
     Args:
         before: (L, 4) states at the scan before.
-        rows: those inside the gate.
+        rows: rows of the object inside the gate.
         dt: time since [s].
         state: settings and sensors.
-        rng: draws.
+        rng: generator of the random numbers drawn.
     """
     L = len(before)
     F, Q = motion_of(state.config).transition(dt)
@@ -341,11 +341,11 @@ def log_factors(
 
     Args:
         xy: (L, M, 2) positions.
-        reports: of each object.
-        seen: from `in_plain_view`.
+        reports: reports of each object.
+        seen: for each object, booleans from `in_plain_view`.
         unperceivable: (L, M) probabilities before the reports.
         world: sensors.
-        chances: their probabilities of detection.
+        chances: detection and false-alarm probabilities of the sensors.
     """
     total, after = np.empty_like(unperceivable), np.zeros_like(unperceivable)
     for j, report in enumerate(reports):
