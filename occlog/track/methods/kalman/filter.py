@@ -308,7 +308,7 @@ def _track_loss(before: int, packed: PackedScan, taken: KalmanUpdate, measured: 
     Args:
         before: the counter before.
         packed: the scan.
-        taken: what the update used.
+        taken: result of the update, with the sensors that contributed.
         measured: number of station measurements.
     """
     reports = packed.sensor[packed.labelled & (np.diff(packed.first) > 0)]

@@ -91,10 +91,10 @@ def _joint_update(
     Args:
         state: the prediction.
         rows: R rows.
-        near: these linearised.
+        near: the R rows, linearised.
         log_prior: logarithm of the probability that a row is true; (R,) those of the probability that it is false times
             the density of false ones.
-        update: by true rows.
+        update: updates a Gaussian by rows that are all true.
     """
     true = subsets(len(rows.sensor))
     prior = np.where(true, *log_prior).sum(axis=1)

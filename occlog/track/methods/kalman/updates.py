@@ -108,9 +108,9 @@ def gated_rows(state: Gaussian, rows: LinearisedRows, near: Linearisation, gate:
 
     Args:
         state: the prediction.
-        rows: what was measured.
+        rows: R measurements.
         near: the rows at its mean.
-        gate: in standard deviations.
+        gate: largest innovation in standard deviations.
     """
     spread = np.einsum("ri,ij,rj->r", near.H, state.covariance[:2, :2], near.H) + near.R
     squared = np.where(near.ahead, near.residual**2 / spread, np.inf)
@@ -219,9 +219,9 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
 
     Args:
         state: the prediction.
-        rows: what was measured.
+        rows: R measurements.
         world: the sensors.
-        config: settings.
+        config: settings of the method.
         starts: (K, 2) further positions to search from.
     """
     alone = polar_update(state, rows, world) if len(np.unique(rows.sensor)) == 1 else None
