@@ -165,7 +165,7 @@ def _settled(
         rows: measurements of distances.
         path: where the search begins, and the lines of sight that agree there.
         pending: the target.
-        record: its record.
+        record: measurements of the target.
         around: obstacles.
         watch: called with each iterate; None: not.
     """
@@ -197,7 +197,7 @@ def _once(
         rows: measurements of distances.
         path: where the search begins, and the lines of sight that agree there.
         pending: the target.
-        record: its record.
+        record: measurements of the target.
         around: obstacles.
         watch: called with each iterate; None: not.
         wide: standard deviation of a position error by which measurements are widened.
@@ -246,8 +246,8 @@ def terms(rows: RangeMeasurements, state: Ints, X: Floats, *, square: bool, wide
         rows: m measurements in the coordinates of X.
         state: (m,) states that they are of, rising.
         X: (T, 4) states.
-        square: believe all of them.
-        wide: an error of the position that their standard deviations hold also.
+        square: all measurements count as true (square loss).
+        wide: standard deviation of a position error by which measurements are widened.
     """
     r, g = residuals_at_own_position(rows, X[state][:, ::2])
     variance = 1.0 + wide**2 * (g**2).sum(axis=1)
@@ -270,7 +270,7 @@ def with_distances(
     Args:
         out: the states that are given out.
         pending: the target.
-        record: its record.
+        record: measurements of the target.
         found: the estimate.
         biases: of the ranges of stations; None: none are estimated.
     """

@@ -138,9 +138,9 @@ def constraints(
 
     Args:
         lines: N lines of sight, of the rows of the record that saw the target.
-        record: of T states.
-        at: the sensors.
-        config: which constraints there are.
+        record: measurements of the target in T scans.
+        at: positions of the sensors.
+        config: settings, which say what constraints there are.
         T: number of states.
         inlier: (N,) which lines of sight constrain the trajectory; None: all.
     """
@@ -195,7 +195,7 @@ def _before(position: Floats, bearing: Floats, away: Floats, walls: tuple[Floats
 
     Args:
         position: (2,) of the sensor.
-        bearing: (n,) [rad].
+        bearing: (n,) directions of the lines of sight [rad].
         away: (n,) angles by which a line may be off [rad].
         walls: polygons (K, 2).
     """
@@ -226,8 +226,8 @@ def first_hit(position: Floats, bearing: Floats, start: Floats, edge: Floats) ->
     """Return (n,) index of the edge first hit by lines of sight from one position; -1 for none.
 
     Args:
-        position: (2,) where they begin.
-        bearing: (n,) [rad]
+        position: (2,) position where the lines of sight begin.
+        bearing: (n,) directions of the lines of sight [rad].
         start: (E, 2) one end of each edge.
         edge: (E, 2) from there to the other end.
     """

@@ -74,7 +74,7 @@ def residuals_and_noise_scales(
 
     Args:
         pending: the target.
-        record: its record.
+        record: measurements of the target.
         sought: which bearings the search used.
         found: the estimate.
     """
@@ -123,7 +123,7 @@ def advance(
     """Add a block of scans to a target's record; return the remaining record and the states released.
 
     Args:
-        pending: from `begin` or the call before.
+        pending: record so far, from `begin` or the call before.
         scans: of this target, after those of the last call; only labelled rows.
         last: nothing will follow, so that everything is given out.
         watch: called with each iterate of the search for the whole (not of windows that only start it);
@@ -221,10 +221,10 @@ def _smoothed(
 
     Args:
         pending: the target.
-        problem: of T states.
-        solution: its minimum.
+        problem: cost and constraints of a trajectory of T states.
+        solution: minimum of the problem.
         spread: (keep, 4, 4) covariances of the states that are given out.
-        record: of T states.
+        record: measurements of the target in T scans.
         stuck: (T,) states with contradictory constraints.
         through: (T,) states inside an obstacle.
         judged: residuals of the bearings, and noise factors.

@@ -59,7 +59,7 @@ def occlusion_terms(
 
     Args:
         pending: the target.
-        record: its record, of T states.
+        record: measurements of the target in T scans.
         X: (T, 4) the trajectory.
         spread: (T, 4, 4) its covariances, with the earlier terms of occluders.
         inlier: (N,) which lines of sight count as the target's.
@@ -135,7 +135,7 @@ def cavity_distribution(
 
     Args:
         position: (2,) mean with the term.
-        covariance: (2, 2) with it.
+        covariance: (2, 2) covariance with the term.
         term: centre (2,), slope (2,) and curvature (2, 2); None: missing.
     """
     if term is None:
@@ -156,7 +156,7 @@ def matched(points: Floats, weights: Floats, mean: Floats, covariance: Floats) -
         points: (Q, 2) positions.
         weights: (Q,) of the Gaussian's quadrature times the likelihood, up to a factor.
         mean: (2,) of the Gaussian.
-        covariance: (2, 2) of it.
+        covariance: (2, 2) covariance of the Gaussian.
 
     Returns:
         Centre (2,), slope (2,) there, and curvature (2, 2), positive semidefinite.

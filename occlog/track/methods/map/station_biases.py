@@ -62,9 +62,9 @@ class StationBiases(NamedTuple):
         Args:
             rows: m measurements as they were, in the coordinates of X.
             state: (m,) states that they are of.
-            problem: of T states, with measurements of distances as quadratic terms.
+            problem: cost and constraints of T states, with measurements of distances as quadratic terms.
             before: (T, 4) states about which the terms are.
-            X: (T, 4) its minimum.
+            X: (T, 4) states at the minimum of the problem.
         """
         own, ranges = self._of(rows)
         here, at = self.corrected(rows).take(ranges), state[ranges]

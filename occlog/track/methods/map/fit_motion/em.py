@@ -114,7 +114,7 @@ def prepare(
     Args:
         paths: positions of each object.
         step_s: step of the model [s].
-        shape: what is fitted.
+        shape: which parameters are fitted.
         longest_gap_s: trajectories are cut at longer gaps [s].
         noise: standard deviation of the positions' errors, per axis; None: fitted, or in the paths.
     """
@@ -151,10 +151,10 @@ def m_step(shape: Shape, theta: Floats, sums: SmootherSums, iterations: int = 15
     """Return parameters that increase the expected log likelihood (M step), or `theta` if none are found.
 
     Args:
-        shape: what is fitted.
+        shape: which parameters are fitted.
         theta: parameters before.
-        sums: expectations for these.
-        iterations: at most, of the quasi-Newton method.
+        sums: expectations under the parameters before.
+        iterations: largest number of iterations of the quasi-Newton method.
     """
     theta = regression(shape, theta, sums)
     size = 1.0 / max(1, sums.n + sums.m)

@@ -87,7 +87,7 @@ def start(shape: Shape, bend: float) -> Floats:
     """Return initial parameters.
 
     Args:
-        shape: what is fitted.
+        shape: which parameters are fitted.
         bend: standard deviation of second differences of the positions, in scales; > 0.
     """
     values = dict.fromkeys(names(shape), np.log(max(0.25 * bend, 10.0 * SMALLEST)))

@@ -96,7 +96,7 @@ def report(
     """Convert the fit to units of the positions and seconds.
 
     Args:
-        shape: what was fitted.
+        shape: which parameters were fitted.
         scale: length of one scale.
         step_s: step of the model [s].
         best: parameters in steps and scales; its value is in units already.

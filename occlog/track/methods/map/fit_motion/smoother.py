@@ -59,11 +59,11 @@ def smooth(
     Args:
         first: (K,) a trajectory begins; true at 0, and every such node is seen.
         seen: (K,) there is a measurement.
-        off: (K,) its time after the node, in steps.
+        off: (K,) time of the measurement after the node, in steps.
         xy: (K, 2) the measurements.
-        R: (K, 2, 2) covariances of their errors, positive definite where seen.
-        A: (4, 4).
-        sigma: (4, 4), positive definite.
+        R: (K, 2, 2) covariances of the measurements' errors, positive definite where seen.
+        A: (4, 4) transition matrix of one step.
+        sigma: (4, 4) process noise covariance of one step, positive definite.
     """
     log_likelihood, mean, cov, before, before_cov = _filter(
         first=first, seen=seen, off=off, xy=xy, R=R, A=A, sigma=sigma

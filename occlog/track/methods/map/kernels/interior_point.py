@@ -406,7 +406,7 @@ def minimise(
     """Return the local minimum of the cost inside the constraints, reached from a start by the interior point method.
 
     Args:
-        problem: what is minimised.
+        problem: cost and constraints of the trajectory.
         start: (T, 4) states, strictly inside all constraints.
         options: when to stop.
         watch: called with the start and after every iteration.
@@ -455,7 +455,7 @@ def _direction(
     """Return the gradient (T, 4) of the barrier cost, a descent step (T, 4), and the share of exact second derivatives.
 
     Args:
-        problem: what is minimised.
+        problem: cost and constraints of the trajectory.
         X: (T, 4) states.
         mu: weight of the barrier.
         multiplier: (M,) of the constraints.
@@ -502,7 +502,7 @@ def _search(
     Without such a share it is 0.
 
     Args:
-        problem: what is minimised.
+        problem: cost and constraints of the trajectory.
         X: (T, 4) states.
         dX: (T, 4) the step.
         slope: derivative of the barrier cost along it, < 0.

@@ -45,8 +45,8 @@ def invariant(problem: TrajectoryProblem, start: Solution, options: Options, ext
 
     Args:
         problem: with all lines of sight in front of their cameras.
-        start: its minimum.
-        options: of each search.
+        start: minimum of the problem.
+        options: stopping criteria of each search.
         extent: size of the scene.
     """
     spread = covariance(problem, start.X)

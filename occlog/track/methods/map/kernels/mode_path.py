@@ -92,10 +92,10 @@ def start_cost(chain: ModeChain, i: int, j: int, a: float, q: float, velocity: F
         chain: the modes.
         i: mode of the first time.
         j: mode of the second.
-        a: time between them [s].
-        q: as of `turn_cost`.
+        a: time between the two [s].
+        q: variance per axis that the velocity gathers in a second.
         velocity: (2,) mean of the velocity at first.
-        spread: (2, 2) covariance of it.
+        spread: (2, 2) covariance of the velocity.
     """
     C, moved = chain.covariance, q * a**3 / 3.0
     return half_square(
@@ -113,9 +113,9 @@ def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> 
 
     Args:
         chain: modes of W >= 2 times.
-        q: as of `turn_cost`.
-        velocity: as of `start_cost`.
-        spread: as of `start_cost`.
+        q: variance per axis that the velocity gathers in a second.
+        velocity: (2,) mean of the velocity at first.
+        spread: (2, 2) covariance of the velocity.
     """
     W, m = chain.seconds.shape[0], chain.first
     first = np.zeros(W, dtype=np.int64)
@@ -174,7 +174,7 @@ def distinct_paths(chain: ModeChain, pairs: PairCosts, most: int, gap: float) ->
 
     Args:
         chain: the modes.
-        pairs: their paths.
+        pairs: cheapest path through every pair of modes, from `pair_costs`.
         most: number of paths at most.
         gap: paths that cost more than the cheapest plus this are omitted.
     """

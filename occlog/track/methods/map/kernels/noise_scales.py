@@ -70,8 +70,8 @@ def evidence(problem: TrajectoryProblem, X: Floats, spread: Floats) -> ResidualE
 
     Args:
         problem: with the stated variances.
-        X: (T, 4) its minimum.
-        spread: (T, 4, 4) covariances there.
+        X: (T, 4) states at the minimum of the problem.
+        spread: (T, 4, 4) covariances at the minimum.
     """
     lines, steps = problem.lines, problem.steps
     w = weights(lines, X, problem.loss, problem.k)
@@ -103,8 +103,8 @@ def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
     stated at least: a target that stood still may move off.
 
     Args:
-        problem: with the variances that it was solved with.
-        X: (T, 4) its minimum.
+        problem: cost, with the variances of the search.
+        X: (T, 4) states at the minimum of the problem.
         spread: (T, 4, 4) C.
     """
     residual_evidence = evidence(problem, X, spread)

@@ -50,7 +50,7 @@ def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, tou
 
     Args:
         X: (T, 4) states.
-        obstacles: K of them.
+        obstacles: K obstacles.
         left_alone: (K, T) states that may be inside each.
         touch: depth up to which states do not count as inside.
     """
@@ -101,7 +101,7 @@ def guesses(
 
     Args:
         X: (T, 4) states.
-        obstacles: all.
+        obstacles: all obstacles.
         stretch: the segment.
         extent: size of the scene.
         clearance: distance that is kept from walls.
@@ -210,10 +210,10 @@ def find_paths_around(
     """Return the minimum of the cost outside all obstacles, as far as detours are found.
 
     Args:
-        problem: with all other constraints.
+        problem: cost of the trajectory, with all constraints except the obstacles.
         solved: the problem with the half-planes of the holds, and its minimum.
         obstacles: what the trajectory must not run through.
-        options: of each search.
+        options: stopping criteria of each search.
         extent: size of the scene.
         clearance: distance that is kept from walls.
         holds: segments that are led around something already.
@@ -270,9 +270,9 @@ def _local_way(
     Only nearby states move; None if no detour is found or none is worth its cost.
 
     Args:
-        problem: with all other constraints.
+        problem: cost of the trajectory, with all constraints except the obstacles.
         X: (T, 4) states.
-        obstacles: all.
+        obstacles: all obstacles.
         stretch: the segment.
         held: segments that are led around something already.
         space: options of each search, size of the scene, and distance that is kept from walls.
@@ -396,11 +396,11 @@ def settle(
     """Return the minimum near a guess, updating separating lines until it converges; None if no line separates.
 
     Args:
-        problem: with all other constraints.
+        problem: cost of the trajectory, with all constraints except the obstacles.
         guess: (T, 4) states outside the obstacles where they are held.
         obstacles: what the trajectory must not run through.
         holds: which states are kept out of which obstacle.
-        options: of each search.
+        options: stopping criteria of each search.
         extent: size of the scene.
         clearance: distance that is kept from walls.
     """

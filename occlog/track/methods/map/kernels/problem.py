@@ -219,7 +219,7 @@ def linear_problem(problem: TrajectoryProblem, distance: Floats) -> TrajectoryPr
     r = (f h - z d) / (sigma D), with a distance D fixed in advance, is linear in the state.
 
     Args:
-        problem: with any loss.
+        problem: cost and constraints of a trajectory, with any loss.
         distance: (N,) D of every line of sight, > 0.
     """
     lines = problem.lines

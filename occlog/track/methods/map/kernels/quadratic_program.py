@@ -71,10 +71,10 @@ def sequential_programs(
     """Return the local minimum reached from a start by sequential quadratic programs; result as of `minimise`.
 
     Args:
-        problem: what is minimised.
+        problem: cost and constraints of the trajectory.
         start: (T, 4) states inside all constraints.
         options: when to stop; the barrier is not used.
-        solver: of each program.
+        solver: solver of the quadratic programs.
         watch: called with the start and after every program.
     """
     X, here = np.array(start, dtype=np.float64), cost(problem, start)

@@ -75,9 +75,9 @@ def off_line2(rays: BearingHalfLines, n: int, x: float, y: float, extra: float) 
 
     Args:
         rays: the lines of sight.
-        n: which.
-        x: of the position.
-        y: of the position.
+        n: index of the line of sight.
+        x: first coordinate of the position.
+        y: second coordinate of the position.
         extra: variance of the position across the line of sight.
     """
     dx, dy = x - rays.position[n, 0], y - rays.position[n, 1]
@@ -107,8 +107,8 @@ def crossing(rays: BearingHalfLines, i: int, j: int, moved2: float) -> tuple[flo
 
     Args:
         rays: the lines of sight.
-        i: of the time that the crossing is for.
-        j: of a time at which the target may have been elsewhere.
+        i: index of the line of sight at the time that the crossing is for.
+        j: index of a line of sight at a time at which the target may have been elsewhere.
         moved2: variance, per axis, of its motion between these times.
     """
     sine = rays.direction[i, 0] * rays.direction[j, 1] - rays.direction[i, 1] * rays.direction[j, 0]
@@ -265,8 +265,8 @@ def _split(beam: HypothesisBeam, rays: BearingHalfLines, n: int, bit: int, k2: f
     Args:
         beam: changed in place.
         rays: the lines of sight.
-        n: which.
-        bit: its number within the state.
+        n: index of the line of sight.
+        bit: number of the line of sight within its state.
         k2: cost of a false line of sight.
         spare: space for hypotheses; overwritten.
     """

@@ -252,7 +252,7 @@ def add_lines(lines: BearingLinesByStep, X: Floats, loss: int, k: float, exact: 
         lines: N lines of sight.
         X: (T, 4) states.
         loss: SQUARE, HUBER, CAUCHY or MIXTURE.
-        k: its parameter.
+        k: parameter of the loss.
         exact: 1: second derivatives; 0: those of Gauss and Newton with reweighting, which are never negative;
             a mixture in between.
         g: changed in place.

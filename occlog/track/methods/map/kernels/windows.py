@@ -29,9 +29,9 @@ def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) 
     """Return the sub-problem of states first .. last - 1.
 
     Args:
-        problem: of T states.
-        first: >= 0.
-        last: <= T.
+        problem: cost and constraints of a trajectory of T states.
+        first: first state, >= 0.
+        last: one after the last state, <= T.
         before: what is known of state `first` from all earlier ones.
     """
     s, lines, planes, hints = problem.steps, problem.lines, problem.planes, problem.hints
@@ -58,9 +58,9 @@ def summary(problem: TrajectoryProblem, solution: Solution, state: int) -> State
     Active constraints keep their force.
 
     Args:
-        problem: of T states.
-        solution: its minimum.
-        state: from 1 to T - 1.
+        problem: cost and constraints of a trajectory of T states.
+        solution: minimum of the problem.
+        state: index of the state, 1 to T - 1.
     """
     # The problem of all states before and this one, without what is measured at this one
     X = solution.X[: state + 1]
@@ -88,10 +88,10 @@ def minimise_windows(problem: TrajectoryProblem, start: Floats, window: int, sea
     """Return approximate minimising states, found in windows overlapping by a quarter, and the total iterations.
 
     Args:
-        problem: of T states.
+        problem: cost and constraints of a trajectory of T states.
         start: (T, 4) strictly inside all constraints.
-        window: states of a window, at least 4.
-        search: of each window.
+        window: number of states in a window, at least 4.
+        search: returns the minimum of a window's problem.
     """
     X, T = np.array(start), len(start)
     before, first, iterations = StatePrior(problem.steps.mean, problem.steps.spread), 0, 0

@@ -71,7 +71,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 
     Args:
         scene: room and sensors.
-        config: settings.
+        config: settings of the method.
         returned: the target is back after a gap, so that `config.start` no longer holds.
     """
     low, high = scene.surroundings.min(axis=0), scene.surroundings.max(axis=0)
@@ -135,7 +135,7 @@ def problem_of(pending: Pending, record: TargetRecord, inlier: Bools | None = No
 
     Args:
         pending: the target.
-        record: its record.
+        record: measurements of the target.
         inlier: (N,) which of the rows that saw it constrain it; None: all.
 
     Raises:

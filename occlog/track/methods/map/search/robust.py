@@ -74,9 +74,9 @@ def linear_start(problem: TrajectoryProblem, X: Floats, config: MapConfig, exten
     The others have the distances that were found before.
 
     Args:
-        problem: of T states.
+        problem: cost and constraints of a trajectory of T states.
         X: (T, 4) states inside the constraints.
-        config: settings.
+        config: settings of the method.
         extent: size of the scene.
     """
     distance = np.full(len(problem.lines.step), 0.3 * extent)
@@ -99,10 +99,10 @@ def search_around(
     """Return the minimum outside all obstacles reached from a start; long records are first solved in windows.
 
     Args:
-        problem: what is minimised.
+        problem: cost and constraints of the trajectory.
         start: (T, 4) states inside the constraints.
         around: the obstacles.
-        config: settings.
+        config: settings of the method.
         extent: size of the scene.
         watch: called with each iterate of the whole.
         mu: weight of the barrier initially; small for a start that is near the minimum.
@@ -145,7 +145,7 @@ def roughly(problem: TrajectoryProblem, start: Floats, config: MapConfig, extent
     Args:
         problem: what is minimised, without obstacles.
         start: (T, 4) states inside the constraints.
-        config: settings.
+        config: settings of the method.
         extent: size of the scene.
     """
     options = Options(ROUGH * extent, config.max_iterations, MU)
@@ -374,9 +374,9 @@ def search_from(
 
     Args:
         pending: the target.
-        record: its record.
+        record: measurements of the target.
         around: obstacles.
-        watch: as of `occlog.track.methods.map.method.advance`.
+        watch: called with each iterate; None: not.
         path: where the search begins, and the lines of sight that agree there.
         scales: factors of variances; those that are not what was known before are refined along with the trajectory.
         careful: omit what is met by chance alone, see `_overfits`.

@@ -57,7 +57,7 @@ def ransac_path(
         problem: of T states; its lines of sight are of the rows of the record that saw the target.
         record: the same T states.
         at: the sensors.
-        config: settings.
+        config: settings of the method.
         extent: size of the scene.
         bend: standard deviations beyond which a line of sight does not agree.
     """

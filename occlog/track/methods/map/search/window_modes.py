@@ -78,7 +78,7 @@ def mode_starts(
     """Return paths through the modes of short windows, the most probable first.
 
     Args:
-        problem: of T states.
+        problem: cost and constraints of a trajectory of T states.
         record: the same T states.
         pending: the target.
         distances: the record's measurements in the coordinates of the search.
