@@ -127,8 +127,8 @@ class ReadsInput:
     """Stream of read windows, with the readers' models.
 
     Attributes:
-        scene: where.
-        readers: those that are used.
+        scene: scene with the sensors, in its own unit.
+        readers: readers in use.
         window_ns: length of a window.
         first_ns: time of the first read.
         losses: what was lost when the reads, and the path losses, were made.

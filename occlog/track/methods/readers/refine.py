@@ -50,8 +50,8 @@ def refine(xy: Floats, covariance: Floats, sights: TagSightings, form: str) -> R
 
     Args:
         xy: (N, 2) coarse positions.
-        covariance: (N, 2, 2) of these.
-        sights: what cameras see.
+        covariance: (N, 2, 2) covariances of the coarse positions.
+        sights: bearings of the tag from the cameras.
         form: `rays`, `printed-1` or `parallel`.
     """
     seen = np.isfinite(sights.bearing)
@@ -149,8 +149,8 @@ class RefineBearings:
         """Keep the rows of the cameras that saw something.
 
         Args:
-            bearings: in the order of time.
-            cameras: those that refine.
+            bearings: bearings in the order of time.
+            cameras: cameras whose bearings are used.
             frame_age_s: frames farther away in time than this are not used.
             gate: standard deviations within which a candidate without a label is of a tag.
             pace: speed of tags in units of length.

@@ -88,8 +88,8 @@ def update_shadowing(
     """Kalman update of the shadowing with mean strengths of a window.
 
     Args:
-        model: of the readers.
-        known: before the window.
+        model: path loss model of the R readers.
+        known: shadowing before the window.
         expected: (N, R) strengths by the distance of each hypothesis.
         rssi: (R,) mean strengths; NaN: none.
         count: (R,) reads that each is the mean of.
@@ -176,10 +176,10 @@ def step(
 
     Args:
         rules: model and settings.
-        cloud: of the window before, or from `begin`.
+        cloud: particles after the window before, or from `begin`.
         t_ns: time of the window, not before that of the cloud.
         count: (R,) reads of each reader.
-        rssi: (R,) their mean strength [dBm]; NaN: not known.
+        rssi: (R,) mean strength of each reader's reads [dBm]; NaN: not known.
         rng: random numbers.
     """
 
@@ -277,7 +277,7 @@ def smoothed_states(rules: TagFilterModel, traces: Sequence[PosteriorRecord]) ->
 
     Args:
         rules: model and settings.
-        traces: of a tag's windows in order.
+        traces: traces of a tag's windows, in order.
     """
     readers = len(traces[0].after.mean) - 4
 

@@ -34,7 +34,7 @@ def track_virtual(
     """Locate each tag in each window by the readers that detect it.
 
     Args:
-        windows: of R readers, in the order of time.
+        windows: windows of R readers' reads, in the order of time.
         regions: the virtual sensors.
         names: (R,) of the readers.
         thresholds: (R,) mean strength [dBm] from which a reader counts as one that detects the tag; -inf: every read.
@@ -72,10 +72,10 @@ def track_rssi(
     """Filter each tag's reads; each tag has its own particles and random numbers.
 
     Args:
-        windows: of R readers, in the order of time.
+        windows: windows of R readers' reads, in the order of time.
         rules: model and settings.
-        names: (R,) of the readers.
-        seed: of all random numbers.
+        names: (R,) names of the readers.
+        seed: seed of all random numbers.
         lag: whether estimates use later reads.
     """
     clouds: dict[int, TagParticles] = {}
@@ -129,8 +129,8 @@ def region_table(regions: Regions, names: Sequence[str], t_ns: int) -> VirtualSe
     """Return the table of virtual sensors.
 
     Args:
-        regions: of R readers.
-        names: (R,) of the readers.
+        regions: regions covered by sets of the R readers.
+        names: (R,) names of the readers.
         t_ns: time from which they hold.
     """
     return VirtualSensors.of(
@@ -166,7 +166,7 @@ def _tracks(
     Args:
         t_ns: (n,) times.
         target_id: (n,) tags.
-        xy: (n, 2).
+        xy: (n, 2) estimated positions.
         velocity: (n, 2); NaN: unknown.
         covariance: (n, 2, 2) of positions, or (n, 4, 4) of positions and velocities.
         read_by: (n,) names of readers.
