@@ -34,8 +34,8 @@ class Encounters:
             t_ns: time of the frame.
             ids: (N,) identities of the tracks; -1: none.
             ratio: (N, M) log likelihood ratios of tracks and boxes.
-            target: (k,) tracks with a box.
-            box: (k,) their boxes.
+            target: (k,) indices of the tracks with a box.
+            box: (k,) index of each such track's box.
         """
         for a, b, probability in exchanges(ids, ratio, target, box):
             pair = (min(a, b), max(a, b))

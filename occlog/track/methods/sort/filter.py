@@ -70,16 +70,16 @@ class Targets:
     """N tracks, tentative ones too.
 
     Attributes:
-        key: number of each track since the begin.
+        key: number of each track, from the start of the filter.
         id: identity; -1: not confirmed.
         mean: (N, 4, 2) values and rates of the states of `kernels.boxes`.
         cov: (N, 4, 3) covariances, as in `kernels.motion`.
         last: (N, 4) state after the last box.
-        last_var: (N, 4) its variances.
+        last_var: (N, 4) variances of the state after the last box.
         existence: probability that the person is there.
-        boxes: boxes so far.
-        coasting_s: time since the last box.
-        appearance: (N, K) running mean; NaN: none.
+        boxes: number of boxes so far.
+        coasting_s: time since the last box [s].
+        appearance: (N, K) mean appearance; NaN: none.
     """
 
     key: Ints
@@ -145,7 +145,7 @@ class SortFilter:
         """Start without tracks.
 
         Args:
-            config: settings.
+            config: settings of the method.
             size: width and height of the image [px]; None: the reach of the boxes so far.
         """
         self.config = config
@@ -273,11 +273,11 @@ class SortFilter:
         """Update the detector statistics from tracks that are certain.
 
         Args:
-            scored: of all pairs of N tracks and M boxes.
-            score: (M,) confidences.
+            scored: scores of all pairs of N tracks and M boxes.
+            score: (M,) confidences of the boxes.
             visible: (N,) visible shares of the tracks.
-            target: (k,) tracks with a box.
-            box: (k,) their boxes.
+            target: (k,) indices of the tracks with a box.
+            box: (k,) index of each such track's box.
         """
         at, learned = self.targets, self.learned
         hit = np.zeros(len(at.id), dtype=np.bool_)
@@ -303,12 +303,12 @@ class SortFilter:
 
         Args:
             z: (M, 4) states of the boxes.
-            noise: (M, 4) variances of these.
-            appearance: (M, K) of the boxes.
-            scored: of all pairs of N tracks and M boxes.
+            noise: (M, 4) variances of the states of the boxes.
+            appearance: (M, K) appearances of the boxes.
+            scored: scores of all pairs of N tracks and M boxes.
             visible: (N,) visible shares of the tracks.
-            target: (k,) tracks with a box.
-            box: (k,) their boxes.
+            target: (k,) indices of the tracks with a box.
+            box: (k,) index of each such track's box.
             dt: time since the last frame [s].
         """
         at = self.targets

@@ -63,7 +63,7 @@ class DetectorStatistics:
 
         Args:
             score: (M,) confidences; NaN: none.
-            area: of the image [px^2].
+            area: area of the image [px^2].
         """
         density = (self._false / self._looks)[_scores(score)] / (area * STATE_VOLUME)
         return np.asarray(np.log(self._shares(score)) - np.log(density))

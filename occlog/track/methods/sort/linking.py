@@ -99,11 +99,11 @@ def linked(
     """Cut tracks where they are doubtful and link the tracklets; return them by first frame, with the doubtful links.
 
     Args:
-        tracks: of the filter.
-        times: (F,) of the frames [s].
-        config: settings.
+        tracks: tracks of the filter.
+        times: (F,) times of the frames [s].
+        config: settings of the method.
         likeness: (2, 3) sums of similarities to the same person and to others.
-        area: of the image [px^2].
+        area: area of the image [px^2].
     """
     parts = cut(tracks, times)
     doubts: list[Doubt] = []
@@ -217,7 +217,7 @@ def _joined(
     Args:
         parts: tracklets.
         times: (F,) of the frames [s].
-        config: settings.
+        config: settings of the method.
         likeness: (2, 3) sums of similarities to the same person and to others.
         births: people who appear per second and px^2.
     """

@@ -68,7 +68,7 @@ def visible_shares(boxes: Floats, weights: Floats) -> Floats:
     Covers count as independent, so that of two equal ones the second hides less.
 
     Args:
-        boxes: (N, 4).
+        boxes: (N, 4) left, top, right, bottom [px].
         weights: (N,) probability that the person of a box is there.
     """
     height = boxes[:, 3] - boxes[:, 1]

@@ -46,10 +46,10 @@ def smooth(
     """Rauch-Tung-Striebel smoother of D coordinates.
 
     Args:
-        times: (K,) [s], rising.
+        times: (K,) times [s], rising.
         seen: (K,) whether there is a measurement; the first has one.
         z: (K, D) measurements.
-        noise: (K, D) their variances.
+        noise: (K, D) variances of the measurements.
         density: (D,) spectral densities of the acceleration.
         speed: (D,) prior variances of the rates.
 
