@@ -126,7 +126,7 @@ def backward_smoother(
     Args:
         smoothing: functions of the method; None: it has no smoother.
         config: settings of the method.
-        seed: of all random numbers.
+        seed: seed of all random numbers.
     """
     if smoothing is None or not smoothing.wanted(config).smoothed:
         return None

@@ -115,7 +115,7 @@ def tables(rows: Sequence[EstimateRow], names: tuple[str, ...]) -> TrackChunk:
     """Convert estimates, in order, to the output tables.
 
     Args:
-        rows: in the order of time.
+        rows: estimates in the order of time.
         names: of the sensors, see `occlog.scans.grouping.sensor_names`.
     """
     if not rows:

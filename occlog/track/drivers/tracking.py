@@ -23,14 +23,14 @@ class TrackingTask(Generic[Config]):
 
     Attributes:
         config: settings of the method.
-        seed: of all random numbers.
-        method: its name in `occlog.track.catalogue`.
+        seed: seed of all random numbers.
+        method: name of the method in `occlog.track.catalogue`.
         sensors: names of those to use; None: all.
         targets: identities of those to track; None: all.
         unlabelled: use candidates that are not assigned to a target.
         window_ns: rows at most this far apart form one scan.
         selection: how to select cameras; only those selected are used.  None: no selection.
-        particles: give out where the particles of the filters are, too.
+        particles: output the particles of the filters, too.
         repair_labels: labels that two targets exchange are exchanged back.
         reject_outliers: methods that cannot reject false bearings get none that contradict their target's motion.
     """

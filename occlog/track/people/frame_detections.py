@@ -73,7 +73,7 @@ def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Ite
     Regions that the fusion of detections added or removed get the number -1 (no box).
 
     Args:
-        chunks: in the order of time.
+        chunks: rows in the order of time.
         colours_of_boxes: take the colours of boxes with a confidence, too; embeddings are always taken.
     """
     for c in chunks:
@@ -150,7 +150,7 @@ def frames_without_boxes(
     row and after its last are unknown. Memory grows with the number of gaps, not with that of the rows.
 
     Args:
-        chunks: in the order of time.
+        chunks: rows in the order of time.
         cameras: position of each camera in use.
         numbers: takes how the frames of each camera are numbered.
 
@@ -237,10 +237,10 @@ class BoxStatistics:
     """Counts of frames and boxes over a stream of frames, by camera index.
 
     Attributes:
-        frames: frames of detections.
-        boxes: of them all.
-        outside: omitted: the box lies outside the image.
-        twice: omitted: another box of the frame is the same.
+        frames: number of frames.
+        boxes: number of boxes.
+        outside: number of boxes omitted because they lie outside the image.
+        twice: number of boxes omitted because another box of the frame is the same.
         first_ns, last_ns: times of the first and the last frame; -1: none.
     """
 
@@ -274,7 +274,7 @@ def frame_detections(
     Boxes that lie outside the image, and boxes that another one of the same frame repeats, are omitted and counted.
 
     Args:
-        chunks: in the order of time.
+        chunks: rows in the order of time.
         cameras: those in use; rows of others are passed over.
         known: names of all cameras that there are.
         tally: brought up to date.
@@ -310,7 +310,7 @@ def frames_of_positions(
     """Generate the frames of position sensors, sorted by time, then by sensor.
 
     Args:
-        chunks: in the order of time.
+        chunks: rows in the order of time.
         index_of: index of each source in use among the views; rows of others are passed over.
         tally: brought up to date.
     """

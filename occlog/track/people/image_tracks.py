@@ -60,7 +60,7 @@ def track_in_images(
     Args:
         frames: in the order of time; the index of a camera is that in `cameras`.
         cameras: of which the size of the image is used, where it is known.
-        config: settings.
+        config: settings of the method.
     """
     trackers = [CameraTracks(camera, config) for camera in cameras]
     numbers = Identities()

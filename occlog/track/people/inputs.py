@@ -101,7 +101,7 @@ class PeopleInput:
     The boxes as a stream of time steps, and what is determined before tracking (cameras, unit, settings).
 
     Attributes:
-        scene: where.
+        scene: scene with the sensors, in its own unit.
         cameras: those with a pose that are used.
         notes: lines for the user.
         tally: counts of boxes, brought up to date while time steps stream by.
@@ -396,7 +396,7 @@ class ImageInput(PeopleInput):
         """Open the boxes; without a scene the cameras are those that the rows name.
 
         Args:
-            request: of tracks in images.
+            request: request to track in the images.
             in_world_time: times are those of the clocks of the scene; else those of the input, which images have.
         """
         self.request = request

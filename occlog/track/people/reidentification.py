@@ -109,11 +109,11 @@ def reidentify_fragments(
     the track with which they may have been exchanged. Remaining tracks get new numbers, above all of the gallery's.
 
     Args:
-        pieces: of all tracks.
-        evidence: by piece and person of the gallery.
-        gallery: identities.
-        least_likeness: mean over a piece's boxes.
-        least_boxes: fewest of them.
+        pieces: fragments of all tracks.
+        evidence: similarities, by piece and person of the gallery.
+        gallery: identities of the people of the gallery.
+        least_likeness: least mean similarity of a piece's boxes to a person.
+        least_boxes: least number of a piece's boxes that were compared.
     """
     overlap = (pieces.first_ns[:, None] <= pieces.last_ns) & (pieces.first_ns <= pieces.last_ns[:, None])
     identified = identities(evidence, overlap[np.ix_(evidence.track, evidence.track)], least_likeness, least_boxes)
@@ -167,10 +167,10 @@ def name_probability(
     similarity accepted for a box. Its numbers were fitted (docs/explanation/appearance.md).
 
     Args:
-        evidence: of tracks.
-        row: which of its tracks.
-        target: the person.
-        least_likeness: of a box.
+        evidence: similarities of tracks to the people of the gallery.
+        row: index of the track.
+        target: identity of the person.
+        least_likeness: least similarity accepted for a box.
         least_boxes: a person compared with fewer of them is no rival.
     """
     boxes = evidence.boxes[row]
@@ -256,7 +256,7 @@ class GalleryReidentification:
     """Re-identification of the tracks of all people with a gallery.
 
     Attributes:
-        parameters: for the provenance.
+        parameters: settings for the provenance.
     """
 
     def __init__(self, gallery: Path, inputs: PeopleInput) -> None:

@@ -16,8 +16,8 @@ def retimed(
     """Generate frames at corrected times, sorted by these.
 
     Args:
-        frames: of all cameras, in the order of time.
-        changes: by number of the camera.
+        frames: frames of all cameras, in the order of time.
+        changes: change of the clock of each camera that has one, by the camera's index.
         count: number of cameras.
     """
     first: dict[int, int] = {}

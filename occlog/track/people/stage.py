@@ -77,13 +77,13 @@ def track_people(
     """Track all people, and generate the tracked time steps in chunks of bounded size.
 
     Args:
-        time_steps: in the order of time; none is empty.
-        scene: where.
+        time_steps: frames of each time step, in the order of time; none is empty.
+        scene: scene with the sensors, in its own unit.
         cameras: those with frames, then sources of positions, in the order of their indices in the frames.
-        config: settings; with `smooth` or a lag time steps wait for what comes after them.
-        follower: the method.
+        config: settings of the method; with `smooth` or a lag time steps wait for what comes after them.
+        follower: the method: its filter and smoother.
         seed: of the random numbers that the future is searched with.
-        heard: directions of the scene's arrays, in the order of time.
+        heard: directions of arrival at the scene's arrays, in the order of time.
         at_end: receives the state after the last time step.
     """
     held: list[SnapshotWithDetections] = []
@@ -195,7 +195,7 @@ class Tabulator:
         """Create empty counts.
 
         Args:
-            cameras: of the frames, then sources of positions.
+            cameras: cameras in the order of the frames' indices, then sources of positions.
             in_images: project all tracks into every image.
             person_height: mean height of people, in the scene's unit.
             room: (K, 2) where people can be; None: not stated.

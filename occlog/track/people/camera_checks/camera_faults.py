@@ -109,10 +109,10 @@ class Gap(NamedTuple):
     """An interval in which a camera has no box, although other cameras detect people in its view.
 
     Attributes:
-        camera: its number.
+        camera: index of the camera.
         begin_s, end_s: after the first time step [s].
         people: number of detections of another camera in its view.
-        share: of the recording.
+        share: length of the gap as a share of the recording.
     """
 
     camera: int
@@ -156,7 +156,7 @@ class CameraFaults:
         """Corrections of the set-up that make cameras agree, the most significant first.
 
         Args:
-            unit: of lengths, for the words.
+            unit: length unit, for messages.
             doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
         """
         return self._search.found(unit, doubtful=doubtful) if self._compared else []
@@ -168,7 +168,7 @@ class CameraFaults:
         them.
 
         Args:
-            unit: of lengths, for the words.
+            unit: length unit, for messages.
         """
         if not self._compared:
             return []

@@ -78,7 +78,7 @@ class ClockOffsetSearch:
         NaN if no offset explains clearly more boxes than 0.
 
         Args:
-            camera: its position.
+            camera: index of the camera.
             fewest: other cameras that must see a person who counts.
         """
         frames = self._frames[camera].kept

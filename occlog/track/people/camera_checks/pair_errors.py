@@ -75,7 +75,7 @@ class CameraError(NamedTuple):
     """An error of one camera, or of all of them.
 
     Attributes:
-        cameras: their numbers.
+        cameras: indices of the cameras.
         kind: first parameter: `YAW` for a rotation, `RADIAL`, `FOCAL`, `HEIGHT` or `LATE`.
         values: (n, 1 or 2) what the calibration of each camera lacks: added to the angles of points in the ideal image
             [rad], radial coefficient, share by which the stated focal length is too long, height in heights of people,
@@ -124,7 +124,7 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
     Args:
         views: cameras with their boxes.
         t_ns: (T,) times of the steps.
-        person_height: in the scene's unit.
+        person_height: height of people in the scene's unit.
         every: step between the time steps with boxes that count.
     """
     cameras = [_LocatingCamera(view, t_ns, person_height, every) for view in views]
@@ -320,7 +320,7 @@ class _LocatingCamera:
         Args:
             view: camera with its boxes.
             t_ns: (T,) times of the time steps.
-            person_height: in the scene's unit.
+            person_height: height of people in the scene's unit.
             every: step between the time steps with boxes that count.
         """
         self.camera, self.height = view.camera, person_height
@@ -398,9 +398,9 @@ def _velocities(people: Floats, steps: Ints, own: Bools, t_ns: Ints, person_heig
     Args:
         people: (m, 2) positions.
         steps: (m,) time steps.
-        own: (m,) mask of n boxes.
+        own: (m,) whether a position is of one of the camera's n boxes.
         t_ns: (T,) times of the steps.
-        person_height: in the scene's unit.
+        person_height: height of people in the scene's unit.
 
     Returns:
         0 of boxes without such a line.

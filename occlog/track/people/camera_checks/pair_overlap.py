@@ -37,7 +37,7 @@ class BoxesOfCamera(NamedTuple):
     """A camera with its boxes and their time steps.
 
     Attributes:
-        camera: with a pose.
+        camera: camera, which has a pose.
         boxes: (n, 4) left, top, right, bottom [px].
         steps: (n,) number of the time step of each.
     """
@@ -205,9 +205,9 @@ def located_by_ends(
     NaN if the feet are not on the ground.
 
     Args:
-        camera: with a pose.
-        feet: lowest points.
-        head: highest points.
+        camera: camera, which has a pose.
+        feet: lowest points of the people.
+        head: highest points of the people.
         beyond: distance of the axis of a body from its lowest point.
         raised: height of the camera above that of its pose.
     """
@@ -225,7 +225,7 @@ def projected_people(camera: Camera, people: Floats) -> Floats:
     """(n, 4) boxes of upright people, projected from feet and head; NaN if behind the camera or upside down.
 
     Args:
-        camera: with a pose.
+        camera: camera, which has a pose.
         people: (n, 4) x, y, height and width.
     """
     ground = np.column_stack([people[:, :2], np.zeros(len(people))])
@@ -257,10 +257,10 @@ def overlap(
     """Overlaps of all pairs of cameras with at least one changed camera.
 
     Args:
-        views: of all cameras.
-        changed: by number, those that take the place of others.
+        views: boxes of all cameras.
+        changed: changed cameras, by the number of the camera that each replaces.
         steps: number of time steps.
-        person_height: in the scene's unit.
+        person_height: height of people in the scene's unit.
         of: cameras that are compared with the changed ones; None: all.
     """
     now = [changed.get(c, view) for c, view in enumerate(views)]
