@@ -40,7 +40,7 @@ def track_batch(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[TrackChunk]:
-    """Tracks of all labelled targets; see `occlog.track.drivers.stage.track`.
+    """Generate the tracks of all labelled targets; arguments and errors as in `occlog.track.drivers.stage.track`.
 
     Without a lag everything is kept until the end, in memory that grows with the number of rows.
     With one, a target's states are given out when so much time has been seen after them, or half as

@@ -31,7 +31,7 @@ def track_joint(
     method: Joint[ImmState, ImmConfig, ImmStepResult],
     tracking: TrackingTask[ImmConfig],
 ) -> Iterator[TrackChunk]:
-    """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.track.drivers.stage.track`.
+    """Generate the tracks of all targets that arrays hear; arguments as in `occlog.track.drivers.stage.track`.
 
     Rows of cameras are used only when the method asks for them.  There is a row for each
     confirmed target and time at which an array listened, in vain or not.
@@ -131,7 +131,7 @@ def track_joint_objects(
     tracking: TrackingTask[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
 ) -> Iterator[TrackChunk]:
-    """Tracks of all labelled objects, chunk by chunk; see `occlog.track.drivers.stage.track`.
+    """Generate the tracks of all labelled objects; arguments as in `occlog.track.drivers.stage.track`.
 
     Candidates without a label are omitted.  UsageError for priors of occluders or a selection of cameras.
     """

@@ -53,7 +53,7 @@ class DetectionFrameRows(NamedTuple):
 
 
 def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
-    """Read chunks of the table `boxes` as rows of detections."""
+    """Generate rows of detections from chunks of the table `boxes`."""
     for c in chunks:
         yield DetectionFrameRows(
             t_ns=c.t_ns,
@@ -68,7 +68,7 @@ def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[DetectionFrameRows]:
 
 
 def rows_of_views(chunks: Iterable[Views], colours_of_boxes: bool = True) -> Iterator[DetectionFrameRows]:
-    """Read chunks of the table `views` as rows of detections.
+    """Generate rows of detections from chunks of the table `views`.
 
     Regions that the fusion of detections added or removed get the number -1 (no box).
 
@@ -143,7 +143,7 @@ class FrameNumbers:
 def frames_without_boxes(
     chunks: Iterable[RegionFrameTimes], cameras: Mapping[str, int], numbers: dict[str, FrameNumbers] | None = None
 ) -> Iterator[FrameDetectionsWithIds]:
-    """Insert the frames without detections that a table omits.
+    """Generate the rows with the frames without detections that a table omits.
 
     Frame numbers missing between two frames of a camera are inserted, at times evenly spaced between these two. If
     frames of a camera are numbered in steps, numbers between two steps are not frames. Frames before a camera's first
@@ -348,7 +348,7 @@ def frames_of_positions(
 
 
 def _whole_times(chunks: Iterable[DetectionFrameRows]) -> Iterator[DetectionFrameRows]:
-    """Rechunk rows so that no chunk ends between rows of the same time, and no chunk is empty.
+    """Generate the rows in chunks such that no chunk ends between rows of the same time, and no chunk is empty.
 
     InputError if times decrease.
     """
@@ -431,7 +431,7 @@ def duplicate_boxes(edges: Floats, score: Floats) -> Bools:
 def group_time_steps(
     frames: Iterable[FrameDetectionsWithIds], window_ns: int
 ) -> Iterator[list[FrameDetectionsWithIds]]:
-    """Group frames into time steps: frames within `window_ns` of the first one, at most one of each camera."""
+    """Generate time steps from frames: frames within `window_ns` of the first one, at most one of each camera."""
     held: list[FrameDetectionsWithIds] = []
     cameras: set[int] = set()
     for each in frames:
@@ -445,5 +445,5 @@ def group_time_steps(
 
 
 def in_order(*streams: Iterable[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-    """Merge time-ordered streams of frames into one, sorted by time, then by camera."""
+    """Generate the frames of several time-ordered streams, sorted by time, then by camera."""
     return merge(*streams, key=lambda each: (each.detections.t_ns, each.detections.camera))

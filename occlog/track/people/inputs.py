@@ -189,7 +189,7 @@ class PeopleInput:
         return {"clock_corrections_s": added} if added else {}
 
     def _in_world_time(self, frames: Iterator[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-        """Correct the times of frames by the clocks of the scene."""
+        """Generate the frames with times corrected by the clocks of the scene."""
         changes = self.clock_changes
         return retimed(frames, changes, len(self.cameras)) if changes else frames
 
@@ -429,7 +429,7 @@ class ImageInput(PeopleInput):
 
 
 def _by_array(rows: Bearings, index_of: Mapping[str, int]) -> Iterator[DirectionsOfArrival]:
-    """Group rows of directions of arrival by time and array; no time is split."""
+    """Generate the rows of directions of arrival grouped by time and array; no time is split."""
     table = rows.sorted()
     starts = np.flatnonzero(np.append(True, (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])))
     for first, stop in pairwise([*starts.tolist(), len(table)] if len(table) else []):

@@ -278,7 +278,7 @@ class GalleryReidentification:
         return (*input_losses([self._opened, own]), *self._seen.losses())
 
     def notes(self) -> Iterator[str]:
-        """Warning if no track was identified, with the reasons."""
+        """Generate a warning if no track was identified, with the reasons."""
         if self._figures and not self._figures["tracks_reidentified"]:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"

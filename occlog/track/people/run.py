@@ -89,12 +89,12 @@ class _Counts:
         self.exchanges += float(np.nansum((share * events.probability)[events.kind == "possible_switch"]))
 
     def _no_tracks(self) -> Iterator[Check]:
-        """Report if there are no tracks."""
+        """Generate a finding if there are no tracks."""
         if not self.rows:
             yield finding(FOUND, "no-tracks")
 
     def _lost(self) -> Iterator[Check]:
-        """Report cameras for which ingest omitted many boxes outside the image."""
+        """Generate findings about cameras for which ingest omitted many boxes outside the image."""
         tally = self.inputs.tally
         kept = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.inputs.names):
@@ -113,7 +113,7 @@ class _Counts:
                 )
 
     def _numbers(self) -> Iterator[Check]:
-        """Report cameras with frame numbers that are hardly ever successive, so that most frames would have no box."""
+        """Generate findings about cameras with frame numbers that are hardly ever successive."""
         for name, each in sorted(self.inputs.numbers.items()):
             successive = each.pairs - each.left_out
             if each.pairs >= MIN_PAIRS and successive < MIN_SUCCESSIVE_SHARE * each.pairs:
@@ -128,7 +128,7 @@ class _Counts:
                 )
 
     def _doubtful(self) -> Iterator[Check]:
-        """Report if the expected number of identity switches per person is high."""
+        """Generate a finding if the expected number of identity switches per person is high."""
         each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
         if each >= SWITCHES_PER_TARGET_NOTE:
             yield finding(
@@ -264,7 +264,7 @@ class PeopleSummary(_Counts):
         return {name: ratio for name, ratio in found.items() if np.isfinite(ratio)}
 
     def _position_noise(self) -> Iterator[Check]:
-        """Report position sensors with innovations that contradict their stated standard deviations."""
+        """Generate findings about position sensors with innovations that contradict the stated deviations."""
         for name, ratio in self._sigma_ratios().items():
             if ratio > MAX_SIGMA_RATIO:
                 what = f"positions of {name}"
@@ -280,12 +280,12 @@ class PeopleSummary(_Counts):
                 )  # fmt: skip
 
     def _smoothed(self) -> Iterator[Check]:
-        """Note that the regions have time-correlated errors, since they were smoothed."""
+        """Generate the finding that the regions have time-correlated errors, since they were smoothed."""
         if self.inputs.regions_smoothed and self.rows:
             yield finding(SMOOTHED, "correlated-region-errors")
 
     def _tall(self, heights: Floats) -> Iterator[Check]:
-        """Report cameras in which people are taller or shorter than in the other cameras; `heights` (C,)."""
+        """Generate findings about cameras in which people are taller or shorter than in others; `heights` (C,)."""
         unit = self.inputs.scene.length_unit
         for c, height in inconsistent_cameras(heights).items():
             name = self.inputs.names[c]

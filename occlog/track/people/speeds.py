@@ -77,7 +77,7 @@ class PeopleSpeeds:
         return outcome(SPEEDS, self._findings(unit), unless=few, median=self.median)
 
     def _findings(self, unit: str) -> Iterator[Check]:
-        """Report people who are faster than any runner, or too slow for the distance they cover."""
+        """Generate findings about people who are faster than any runner, or too slow for the distance they cover."""
         tracks = np.array(list(self._tracks.values())).reshape(-1, 8)
         life_s = float((tracks[:, 0] + tracks[:, 1]).mean()) if len(tracks) else 0.0
         limit = (MAX_SPEED if life_s >= SHORT_S else MAX_SPEED_IF_SHORT) * self.height

@@ -248,7 +248,7 @@ class ApfConfig(SmoothingConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Probabilities of one choice sum to at most 1; a spread is at least 0."""
+        """Generate the rules: probabilities of one choice sum to at most 1, and the spread of `start` is at least 0."""
         yield "lambda1", self.beta1 + self.lambda1 <= 1.0 + 1e-12, "at most 1 - beta1"
         yield "lambda2", self.beta2 + self.lambda2 <= 1.0 + 1e-12, "at most 1 - beta2"
         yield "start", self.start is None or self.start[2] >= 0, "X,Y,SIGMA, SIGMA >= 0"

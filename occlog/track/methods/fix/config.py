@@ -60,7 +60,7 @@ class FixConfig(Settings):
         return BENDS.get(self.estimator, BENDS["huber"]) if self.loss_threshold is None else self.loss_threshold
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A mixture is of bearings with stated standard deviations."""
+        """Generate the rule that a mixture is of bearings with stated or pooled standard deviations."""
         yield (
             "covariance",
             self.estimator != MIXTURE or self.covariance != "residuals",

@@ -162,7 +162,7 @@ class ImmConfig(SmoothingConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that `start` has six numbers for each target."""
+        """Generate the rule that `start` has six numbers for each target."""
         limit = "X,Y,SIGMA,VX,VY,SIGMA_V of each target, SIGMA and SIGMA_V >= 0"
         yield "start", _good_start(self.start), limit
 

@@ -122,7 +122,7 @@ class SpaceConfig(SmoothingConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check the number of values of `acceleration` and `start`."""
+        """Generate the rules about the number of values of `acceleration` and `start`."""
         yield "acceleration", len(self.acceleration) == 3, "AX,AY,AZ"
         limit = (
             "X,Y,SIGMA; X,Y,Z,SIGMA; X,Y,Z,VX,VY,VZ,SIGMA,SIGMA_V; or X,Y,Z,VX,VY,VZ and their six sigmas, none below 0"

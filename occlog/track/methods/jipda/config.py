@@ -162,7 +162,7 @@ class JipdaConfig(LagConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check settings against each other: the deletion threshold must be below the confirmation threshold."""
+        """Generate the rule that the deletion threshold is below the confirmation threshold."""
         yield (
             "deletion_threshold",
             self.deletion_threshold < self.confirmation_threshold,

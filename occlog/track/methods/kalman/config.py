@@ -74,7 +74,7 @@ class KalmanConfig(LagConfig, WalkConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that the start's standard deviations are above 0."""
+        """Generate the rule that the start's standard deviations are above 0."""
         yield "start", self.start is None or self.start[2] > 0, "X,Y,SIGMA, SIGMA > 0"
 
 

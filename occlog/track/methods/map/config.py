@@ -181,7 +181,7 @@ class MapConfig(Settings):
         return self.initialisation == "consensus" or (self.initialisation is None and self.loss != "square")
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that a fitted model has both matrices, a start has both parts, and constraints fit the estimate."""
+        """Generate the rules: a fitted model has both matrices, a start both parts; constraints fit the estimate."""
         yield "Sigma", (self.A is None) == (self.Sigma is None), "given along with A"
         s = self.start
         good = s is None or (len(s) == 3 and s[2] >= LEAST and max(map(abs, s)) <= FAR)

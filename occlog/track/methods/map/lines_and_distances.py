@@ -60,6 +60,12 @@ def mixed_search(
 ) -> RobustSearchResult:
     """Search for the most probable trajectory with distance measurements.
 
+    Args:
+        pending: unreleased part of the target's record, with its prior.
+        record: measurements of the target.
+        around: obstacles that the trajectory must not run through.
+        watch: called with each iterate; None: not.
+
     Raises:
         UsageError: the solver does not take distances, or they are combined with priors of occluders, or biases of
             ranges are to be estimated with a lag.

@@ -65,7 +65,7 @@ class VirtualConfig(RefineConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A reader reads tags in its range more often than others."""
+        """Generate the rule that a reader reads tags in its range more often than others."""
         yield (
             "false_alarm_probability",
             self.false_alarm_probability < self.detection_probability,
@@ -127,7 +127,7 @@ class RssiConfig(LagConfig, RefineConfig):
         return SMOOTHED_PARTICLES if self.smoothed else PARTICLES
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """A reader reads tags in its range more often than others."""
+        """Generate the rule that a reader reads tags in its range more often than others."""
         yield (
             "false_alarm_probability",
             self.false_alarm_probability < self.detection_probability,

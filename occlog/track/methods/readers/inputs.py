@@ -50,7 +50,7 @@ class Windows:
 def windows_of(
     chunks: Iterable[Reads], readers: Sequence[str], window_ns: int, targets: Sequence[int] = ()
 ) -> Iterator[Windows]:
-    """Gather the reads of each window and tag; where chunks are cut does not matter.
+    """Generate the reads grouped by window and tag; where chunks are cut does not matter.
 
     Args:
         chunks: reads in the order of time.

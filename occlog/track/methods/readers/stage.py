@@ -31,7 +31,7 @@ def track_virtual(
     detection: float,
     stray: float,
 ) -> Iterator[TagTracks]:
-    """Locate each tag in each window by the readers that detect it.
+    """Generate tracks: the position of each tag in each window by the readers that detect it.
 
     Args:
         windows: windows of R readers' reads, in the order of time.
@@ -69,7 +69,7 @@ class TagRow(NamedTuple):
 def track_rssi(
     windows: Iterable[Windows], rules: TagFilterModel, names: Sequence[str], seed: int, lag: LagConfig
 ) -> Iterator[TagTracks]:
-    """Filter each tag's reads; each tag has its own particles and random numbers.
+    """Generate tracks by a filter of each tag's reads; each tag has its own particles and random numbers.
 
     Args:
         windows: windows of R readers' reads, in the order of time.

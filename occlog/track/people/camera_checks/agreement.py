@@ -188,19 +188,19 @@ class CameraAgreement:
         return (*outcome(FITS, self._causes(found, unit)), *found)
 
     def _common(self, unit: str) -> Iterator[Check]:
-        """Report the position error that all cameras share, if its standard deviation is large."""
+        """Generate findings about the position error that all cameras share, if its standard deviation is large."""
         if self.common_sigma > MAX_COMMON_SIGMA_HEIGHTS * self.person_height:
             sigma, time_s = self.common_sigma, self.common_time_s
             yield finding(COMMON, "common-position-error", sigma=sigma, unit=unit, time_s=time_s)
 
     def _static(self) -> Iterator[Check]:
-        """Report the cameras with static clutter: objects at fixed positions that are detected as people."""
+        """Generate findings about cameras with static clutter: objects at fixed positions detected as people."""
         for name, count in zip(self.names, self.static.tolist(), strict=True):
             if count:
                 yield finding(STATIC, "static-clutter", sensors=[name], count=count)
 
     def _late(self) -> Iterator[Check]:
-        """Report the cameras with a significant clock delay [s], estimated by the filter (`late`)."""
+        """Generate findings about the cameras with a significant clock delay [s], estimated by the filter (`late`)."""
         for name, late_s, limit_s in zip(self.names, self.late.tolist(), self.late_limit.tolist(), strict=True):
             if late_s:
                 size, side = f"{abs(late_s):.2g}", "late" if late_s > 0.0 else "early"
@@ -209,7 +209,7 @@ class CameraAgreement:
                 )
 
     def _boxes(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Report the cameras without boxes, with duplicate boxes, or with boxes outside the image."""
+        """Generate findings about the cameras without boxes, with duplicate boxes, or with boxes outside the image."""
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
             if not whole[c] and whole.any():
@@ -220,7 +220,7 @@ class CameraAgreement:
                 yield _of_boxes(name, "boxes-outside-image", tally.outside[c], whole[c], MAX_OUTSIDE_SHARE)
 
     def _unexplained(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Report if most boxes of all cameras, or nearly all moving boxes of one, are associated with no track.
+        """Generate a finding if most boxes of all cameras, or nearly all moving boxes of one, are of no track.
 
         The cause is wrong extrinsics, or boxes of objects that are not people.
         """
@@ -259,7 +259,7 @@ class CameraAgreement:
             yield finding(FITS, "camera-error", sensors=[self.names[c] for c in cameras], change=words)
 
     def _gaps(self) -> Iterator[Check]:
-        """Report cameras with a long gap without boxes, during which other cameras detect people in their views."""
+        """Generate findings about cameras with a long gap without boxes while others detect people in their views."""
         for gap in self._faults.gaps():
             name = self.names[gap.camera]
             yield finding(GAPS, "camera-gap", sensors=[name], begin_s=gap.begin_s, end_s=gap.end_s, people=gap.people)
@@ -274,14 +274,14 @@ class CameraAgreement:
         return sum(count for count in counts.values() if count <= most)
 
     def _unconfirmed(self) -> Iterator[Check]:
-        """Report cameras with people that no other camera detects, although other cameras detect the same people."""
+        """Generate findings about cameras with people that no other detects, although others detect the same people."""
         for c, name in enumerate(self.names[: self.cameras]):
             others = np.delete(self.confirmed, c)
             if self.alone[c] >= FEWEST_BOXES and not self.confirmed[c] and others.max(initial=0) >= FEWEST_BOXES:
                 yield finding(CONFIRMED, "camera-alone", sensors=[name], count=int(self.alone[c]))
 
     def _outside(self) -> Iterator[Check]:
-        """Report if people are outside the room, and the cameras that detect them there."""
+        """Generate a finding if people are outside the room, with the cameras that detect them there."""
         if exceeds_share(self.outside_room, self.rows, MAX_OUTSIDE_ROOM_SHARE):
             order = np.argsort(-self.outside_by, kind="stable")
             seen_by = [self.names[c] for c in order.tolist() if self.outside_by[c] > 0.5 * self.outside_by[order[0]]]
@@ -295,7 +295,10 @@ class CameraAgreement:
             )
 
     def _odd(self, tally: BoxStatistics) -> Iterator[Check]:
-        """Report cameras with a detection rate far below that of the others, or a clock offset that explains it."""
+        """Generate findings about cameras with a detection rate far below that of the others.
+
+        If a clock offset explains the rate, the finding is about the offset.
+        """
         shares = self.shares
         for c, name in enumerate(self.names):
             if tally.outside[c] > tally.boxes[c]:
@@ -332,7 +335,7 @@ class CameraAgreement:
         return f"only rotations above {known.max():.2g} deg would be found" if known.max() > MAX_LIMIT_DEG else ""
 
     def _rotated(self) -> Iterator[Check]:
-        """Report the cameras rotated significantly from their calibration.
+        """Generate findings about the cameras rotated significantly from their calibration.
 
         Small rotations are corrected by the filter.
         """
@@ -342,7 +345,7 @@ class CameraAgreement:
                 yield finding(ROTATED, "camera-rotated", severity, sensors=[name], yaw_deg=yaw, pitch_deg=pitch)
 
     def _disjoint_clocks(self, first_ns: Ints, last_ns: Ints) -> Iterator[Check]:
-        """Report cameras that have no time in common with any other camera.
+        """Generate findings about cameras that have no time in common with any other camera.
 
         `first_ns` and `last_ns` (C,) are the times of each camera's first and last frame; below 0: it has none.
         """

@@ -292,7 +292,7 @@ class _Search:
         return float(np.linalg.norm(error.values, axis=1).max()) >= least
 
     def _corrections(self, c: int, unit: str) -> Iterator[_Change]:
-        """Candidate corrections of lasting errors that concern camera `c`; all lenses are corrected at once."""
+        """Generate corrections to try of lasting errors that concern camera `c`; all lenses are corrected at once."""
         cameras = tuple(sorted({c, *self._fitting}))
         errors = self.errors if cameras == self._fitting else self._errors_of(cameras)
         errors = [each for each in errors if each.kind != LATE and not (each.since or each.until)]
@@ -442,7 +442,7 @@ class _Search:
         return best
 
     def _of_all(self, unit: str) -> Iterator[_Change]:
-        """Candidate corrections that concern all cameras at once; `unit` of lengths."""
+        """Generate candidate corrections that concern all cameras at once; `unit` is the length unit for messages."""
         yield from (each for each in self._corrections(0, unit) if len(each.views) > 1)
         yield _Change(f"extrinsics of all cameras are {INVERTED}", {c: _inverted(v) for c, v in enumerate(self.views)})
         for scale in SCALES:
@@ -456,7 +456,7 @@ class _Search:
     def _changes(
         self, c: int, trusted: Sequence[int], *, for_a_while: bool = False, rotations: bool = True
     ) -> Iterator[_Change]:
-        """Candidate corrections of camera `c`, the simplest first.
+        """Generate candidate corrections of camera `c`, the simplest first.
 
         `for_a_while` restricts them to faults that can begin and end during a recording; `rotations`: search for small
         rotations, too.
@@ -484,7 +484,7 @@ class _Search:
             yield from self._turned(c, trusted)
 
     def _late(self, c: int) -> Iterator[_Change]:
-        """Candidate corrections of the clock of camera `c`: boxes shifted later and earlier by the delays `LATE_S`."""
+        """Generate corrections of the clock of camera `c`: boxes shifted later and earlier by the delays `LATE_S`."""
         step_s = max(float(np.median(np.diff(self.t_ns))) / NS, 1e-9)
         own, last = self.views[c], len(self.t_ns) - 1
         for k in dict.fromkeys(max(round(late_s / step_s), 1) for late_s in LATE_S if late_s > 0.5 * step_s):
@@ -495,7 +495,10 @@ class _Search:
                 yield _Change(f"the clock of {own.camera.name} is {k * step_s:.2g} s {words}", {c: moved})
 
     def _turned(self, c: int, trusted: Sequence[int]) -> Iterator[_Change]:
-        """The rotation of camera `c` that aligns its boxes with people located by trusted cameras (Hough transform)."""
+        """Generate the rotation that aligns boxes of camera `c` with people whom other cameras locate.
+
+        It is found by a Hough transform; `trusted` are the indices of the other cameras.
+        """
         own = self.views[c]
         apart = [np.zeros((0, 2))]
         for o in trusted:
@@ -588,7 +591,7 @@ def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
 
 
 def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
-    """Candidate box formats that were misread.
+    """Generate the box formats that may have been misread, and the boxes as they are if so.
 
     Description, and the edges (n, 4) [px] of the boxes read in that format.
     """

@@ -233,7 +233,7 @@ def _prior_of(cameras: Sequence[int], kind: int, count: int) -> Floats:
 
 
 def static_errors(now: Evidence, before: float, people: float) -> Iterator[CameraError]:
-    """Hypotheses of errors that last for the whole recording, with their evidence.
+    """Generate hypotheses of errors that last for the whole recording, with their evidence.
 
     Args:
         now: normal equations.
@@ -252,7 +252,7 @@ def static_errors(now: Evidence, before: float, people: float) -> Iterator[Camer
 
 
 def movements(now: Evidence) -> Iterator[CameraError]:
-    """For each camera, the hypothesis of one rotation during the recording, at the time with the largest evidence."""
+    """Generate, for each camera, the hypothesis of one rotation at the time with the largest evidence."""
     T, K = now.normal.shape[:2]
     x, covariance, _ = now.solved()
     margin = max(EDGE_BATCHES * T // BATCHES, 1)

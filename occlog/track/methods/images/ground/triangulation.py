@@ -171,7 +171,11 @@ def _start(rays: Floats, problem: LeastSquares) -> Floats:
 
 
 def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Floats]:
-    """Refine positions (N, 3) by Gauss-Newton with step halving.
+    """Return positions of points refined by Gauss-Newton with step halving.
+
+    Args:
+        start: (N, 3) positions to begin with, not changed.
+        problem: image centres and views of the points.
 
     Returns:
         Positions (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera.

@@ -132,7 +132,7 @@ MIN_AREA = 5e-4
 def moving_regions(
     frames: Callable[[], Iterable[Frame]], scene: Scene | None, views: Sequence[TrackedView], workers: int = 1
 ) -> Iterator[DetectorRegions]:
-    """Find people-sized regions in all frames as `occlog detect` does with its defaults, in the order of time.
+    """Generate people-sized regions in all frames as `occlog detect` does with its defaults, in the order of time.
 
     Where neither the cameras' poses nor the people seen give a size, the regions are connected
     blobs of the usual size of what moves.

@@ -206,7 +206,7 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
     restart_similarity: float = setting(0.85, "Minimum colour similarity for a restart.", **SHARE)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that the distance for touching does not exceed that for closeness."""
+        """Generate the rule that the distance for touching does not exceed that for closeness."""
         yield (
             "collaboration_distance",
             self.collaboration_distance >= self.interaction_distance,

@@ -122,7 +122,7 @@ def in_step(
     bits: int | None = None,
     background: Sequence[BackgroundModel | None] = (),
 ) -> Iterator[FrameSetImages]:
-    """Yield time steps in the order of time, decoded a little ahead; the result does not depend on `workers`.
+    """Generate time steps in the order of time, decoded a little ahead; the result does not depend on `workers`.
 
     Args:
         frames: of all cameras, in the order of time; those of cameras that are not among the views are omitted.

@@ -91,7 +91,7 @@ class ViewsInput:
         return [c.name for c in map(self._camera, self.names) if c is not None and c.placed]
 
     def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundTracksPart]:
-        """Return ground tracks triangulated from image tracks; none without a scene."""
+        """Generate ground tracks triangulated from image tracks; none without a scene."""
         if self.scene is None:
             return iter(())
         config = GroundConfig(window_s=window_ns / 1e9, initial_switch_probability=STARTS.get(self.request.births, 0.0))

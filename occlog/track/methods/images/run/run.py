@@ -173,12 +173,12 @@ class ViewsSummary:
         return {name: self.rows_of[name] / count for name, count in frames if count}
 
     def _none(self) -> Iterator[Check]:
-        """Return the finding that no target was tracked, if so."""
+        """Generate the finding that no target was tracked, if so."""
         if not self.rows:
             yield finding(NUMBER, "no-view-tracks")
 
     def _too_many(self) -> Iterator[Check]:
-        """Return findings about views with more targets per frame than there are separable silhouettes of people."""
+        """Generate findings about views with more targets per frame than there are separable silhouettes of people."""
         for name, count in self._at_a_time().items():
             if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
@@ -186,7 +186,7 @@ class ViewsSummary:
                 )
 
     def _first(self) -> Iterator[Check]:
-        """Return findings about first ellipses that started no tracker, and views without one."""
+        """Generate findings about first ellipses that started no tracker, and views without one."""
         if (late := self.inputs.given - self.events["start"]) > 0:
             yield finding(FIRST, "initial-ellipses-unused", count=late, given=self.inputs.given)
         bare = [name for name in self.inputs.names if name not in self.begun]
@@ -194,7 +194,7 @@ class ViewsSummary:
             yield finding(FIRST, "view-without-tracks", sensors=bare)
 
     def _alone(self) -> Iterator[Check]:
-        """Return the finding that views cannot assist each other, if so."""
+        """Generate the finding that views cannot assist each other, if so."""
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
             return
@@ -204,7 +204,7 @@ class ViewsSummary:
             yield finding(SHARED, "views-without-links", method=self.method, does=config.ALONE)
 
     def _ends(self) -> Iterator[Check]:
-        """Return findings about views that end before the others."""
+        """Generate findings about views that end before the others."""
         latest = int(self.last_ns.max(initial=-1))
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
             if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):

@@ -69,7 +69,7 @@ class FitConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check the measurement noise, and that method `differences` takes positions as exact."""
+        """Generate the rules about the measurement noise, and that method `differences` takes positions as exact."""
         good = self.measurement_noise in (ESTIMATED, COVARIANCE) or self.noise_length is not None
         yield "measurement_noise", good, f"a length of at least 0, {ESTIMATED} or {COVARIANCE}"
         yield (

@@ -46,5 +46,5 @@ class FitReadersConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that ranges are positive lengths."""
+        """Generate the rule that ranges are positive lengths."""
         yield "ranges", self.ranges is None or min(self.ranges) > 0, "lengths above 0"
