@@ -641,9 +641,9 @@ def propose_insertion(
         known: cache of link probabilities.
         chain: changed in place if it is accepted.
         k: index of the node.
-        u: uniform in [0, 1), chooses the place in a track.
+        u: uniform in [0, 1), chooses the position in a track.
         log_u: accepted if the log probability rises by more: temperature times the log of a uniform number.
-        temperature: of the chain; weighs the number of places from which an entry is drawn.
+        temperature: of the chain; weighs the number of positions from which an entry is drawn.
     """
     before = listed.first_last[k + 1] - listed.first_last[k]
     after = listed.first_next[k + 1] - listed.first_next[k]
@@ -705,7 +705,7 @@ def propose_swap(
     u: float,
     log_u: float,
 ) -> int:
-    """Propose that node k and another node of its time step exchange places in tracks.
+    """Propose that node k and another node of its time step exchange positions in tracks.
 
     Return 1 if it is accepted, else 0.
 
