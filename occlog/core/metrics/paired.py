@@ -78,13 +78,19 @@ def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator)
 
 
 def chance_above(means: Floats, margin: float) -> float:
-    """One-sided p-value of a mean difference above a margin, if the differences are symmetric about the margin."""
+    """One-sided p-value of a mean difference above a margin, if the differences are symmetric about the margin.
+
+    `means` (n,) are the sorted means of resampled differences.
+    """
     least = margin + ROUNDING * max(abs(margin), float(np.abs(means[[0, -1]]).max()))
     return float((np.searchsorted(means, least, side="right") + 1) / (len(means) + 1))
 
 
 def chance_below(means: Floats, margin: float) -> float:
-    """One-sided p-value of a mean difference below a margin, if the differences are symmetric about the margin."""
+    """One-sided p-value of a mean difference below a margin, if the differences are symmetric about the margin.
+
+    `means` (n,) are the sorted means of resampled differences.
+    """
     return chance_above(-means[::-1], -margin)
 
 
@@ -210,7 +216,7 @@ def compare(
 
 
 def _gradient(metric: Metric, at: Floats) -> Floats:
-    """Gradient of a metric with respect to sums, by central differences."""
+    """Gradient of a metric with respect to its sums, at `at` (k,), by central differences."""
     h = STEP * np.maximum(np.abs(at), 1.0)
     moves = np.diag(h)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -222,7 +228,14 @@ def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 
 
 def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
-    """Recording, first frame and end of each segment; segments are long relative to the correlation time."""
+    """Cut recordings into segments that are long relative to the correlation time.
+
+    Args:
+        added: what each frame adds, an array for each recording.
+
+    Returns:
+        Recording, first frame and frame after the last, of each segment.
+    """
     frames = sum(len(u) for u in added)
     length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MAX_STRETCHES))
     out = []

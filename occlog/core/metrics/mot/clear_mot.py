@@ -155,7 +155,7 @@ class ClearCounts:
     """Accumulates CLEAR-MOT counts over frames in the order of time."""
 
     def __init__(self, targets: int) -> None:
-        """Start without frames; number of all targets."""
+        """Start without frames; `targets` is the number of all targets."""
         self._objects = self._estimates = self._tp = self._switches = 0
         self._distance, self._similarity = Sum(), Sum()
         self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)
