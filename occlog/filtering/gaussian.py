@@ -71,6 +71,10 @@ def rts_smooth(links: Sequence[PosteriorRecord], transition: Transition) -> list
     """Smoothed states by the recursion of Rauch, Tung and Striebel (1965), one for each link.
 
     A reinitialised link separates the states before it from those after it.
+
+    Args:
+        links: filtered states of a target in the order of time, at least one.
+        transition: transition matrix F and process noise Q for a time step [s].
     """
     out: list[Gaussian] = []
     later, ahead = links[-1].after, None

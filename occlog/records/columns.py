@@ -80,7 +80,16 @@ class Column:
 
 
 def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Declare a table column; an `optional` one without values is NaN, "" or, for integers, -1."""
+    """Declare a table column; an `optional` one without values is NaN, "" or, for integers, -1.
+
+    Args:
+        kind: NumPy type, as `f8`, `i4`, `U` (text).
+        unit: for example `px`, `rad`, `length`; `1`: none.
+        doc: what it has, without a capital.
+        nan: when the value is NaN; None: never.
+        width: numbers in each row; 0: one, `ANY_WIDTH`: as many as the file has.
+        optional: files may lack it.
+    """
     metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
     return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
@@ -157,7 +166,7 @@ class ColumnTable:
 
 
 def _absent(c: Column, rows: int) -> NDArray[np.generic]:
-    """Default values of an optional column without values."""
+    """Default values (`rows`,) of an optional column without values."""
     if c.kind == "U":
         return np.full(rows, "")
     if c.width == ANY_WIDTH:
@@ -202,7 +211,10 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
 
 
 def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
-    """Mask of 2 x 2 covariances that are positive semidefinite up to rounding; False for NaN."""
+    """(n,) mask of 2 x 2 covariances, of columns (n,), that are positive semidefinite up to rounding.
+
+    False for NaN; xx, xy and yy are the elements.
+    """
     with np.errstate(invalid="ignore"):
         most = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
         return np.asarray((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= most * (1.0 + ROUNDING) + TINY))
@@ -334,7 +346,7 @@ def key_of(table: ColumnTable, row: int) -> str:
 
 
 def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic]:
-    """Values of some rows of a column, comparable so that NaN equals NaN."""
+    """Values of column `c` in some rows, as a type in which NaN equals NaN."""
     values: NDArray[np.generic] = getattr(table, c.name)[rows]
     if not values.size:  # vectors of no numbers
         return np.zeros(len(rows))

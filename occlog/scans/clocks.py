@@ -82,7 +82,13 @@ def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
 
 
 def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockChange]:
-    """Clock changes by camera index."""
+    """Clock changes by camera index, of the cameras with a clock in the scene that differs from the one applied.
+
+    Args:
+        cameras: in the order of the indices.
+        scene: states the clocks that count.
+        applied: clocks by camera name that the times were corrected by already; none: right.
+    """
     stated = clocks_of(scene)
     every = {c: ClockChange(applied.get(k.name, RIGHT), stated.get(k.name, RIGHT)) for c, k in enumerate(cameras)}
     return {c: change for c, change in every.items() if change.differs}

@@ -92,7 +92,12 @@ class LabelEvents:
                 yield chunk
 
     def at(self, t_ns: Ints, target_id: Ints32) -> tuple[Bools, Bools]:
-        """(N,) masks of rows of targets while their labels were exchanged, and while their label jumped."""
+        """Two (N,) masks of rows: those while labels of their target were exchanged, and those while its label jumped.
+
+        Args:
+            t_ns: (N,) times [ns].
+            target_id: (N,) targets.
+        """
         exchanged, jumped = np.zeros(len(t_ns), dtype=np.bool_), np.zeros(len(t_ns), dtype=np.bool_)
         for one in self.exchanges:
             own = (t_ns >= one.begin_ns) & np.isin(target_id, one.targets)
@@ -234,7 +239,7 @@ class LabelContinuity:
             self.events.jumps.append(LabelJump(target, self._time(at_s), self._time(third), distance, speed, allowed))
 
     def _exchange(self, targets: tuple[int, int], sensor: str, t_ns: int) -> None:
-        """Start an exchange, or end the current one."""
+        """Start an exchange of the labels of two targets in a sensor at `t_ns` [ns], or end it there if it is open."""
         exchanges = self.events.exchanges
         for n, one in enumerate(exchanges):
             if one.targets == targets and one.sensor == sensor and one.end_ns is None:

@@ -85,7 +85,10 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    """Priors of the rows of one time; a row without occluder (id below 0) means that there are none."""
+    """Priors of the rows of one time; a row without occluder (id below 0) means that there are none.
+
+    `diameter` is that of each occluder; InputError for a polygon that is not valid.
+    """
     absent = table.occluder_id < 0
     there = table.take(~absent) if absent.any() else table
     if not len(there):
@@ -185,14 +188,17 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
 
 
 def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles) -> MovingObstacleTracks:
-    """People of a table as obstacles; those of a truth have no covariance."""
+    """People of a table as moving obstacles, in steps from `start_ns` [ns] on; those of a truth have no covariance."""
     positions = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
     clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
     return MovingObstacleTracks(rows.t_ns, rows.target_id, positions, clock, limit_ns)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:
-    """Start time, `after_ns` after the first row, and the rows of all steps from then on, with a margin."""
+    """Start time [ns], `after_ns` after the first row, and the rows of all steps from then on, with a margin.
+
+    The margin is the longest gap of `people` before the first step and after the last. The start is 0 without rows.
+    """
     gap_ns, most_ns = round(people.max_gap_s * NS), round((people.steps + 1) * people.step_s * NS)
     parts: list[T] = []
     start_ns: int | None = None

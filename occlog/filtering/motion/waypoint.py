@@ -90,7 +90,10 @@ class WaypointModel(NamedTuple):
 
 @kernel
 def reached(particles: WaypointParticles, motion: WaypointModel, floor: Floor) -> Bools:
-    """(L,) mask of particles that decide as if they had reached their destination."""
+    """(L,) mask of particles that decide as if they had reached their destination.
+
+    It is within the way of `motion.reference_s`, or a step that long towards it would leave the floor.
+    """
     L = particles.speed.shape[0]
     out, ahead = np.empty(L, dtype=np.bool_), np.empty((L, 2))
     for i in range(L):
@@ -232,7 +235,10 @@ def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: Waypoi
 def held_step(
     particles: WaypointParticles, i: int, share: float, dt: float, motion: WaypointModel
 ) -> tuple[float, float]:
-    """Displacement of particle i in a share of a step, before it changes its destination; 0 in the paper's wait."""
+    """Displacement x, y of particle i in a share (0 to 1) of a step of dt [s], before it changes its destination.
+
+    0 in the paper's wait.
+    """
     dx = particles.destination[i, 0] - particles.xy[i, 0]
     dy = particles.destination[i, 1] - particles.xy[i, 1]
     scale = 0.0
@@ -444,7 +450,7 @@ def velocities(particles: WaypointParticles) -> Floats:
 def start_particles(
     xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator
 ) -> WaypointParticles:
-    """Create particles at positions (L, 2) with random destinations and speeds |N(speed, speed_spread^2)|."""
+    """Create particles at positions `xy` (L, 2) with random destinations and speeds |N(speed, speed_spread^2)|."""
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))
     return WaypointParticles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))
 
