@@ -60,7 +60,7 @@ APPEARANCE = "appearance.json"
 
 
 def run_scene(request: SceneRequest, job: Job) -> JobResult:
-    """Simulate a recording of a scene from a file."""
+    """Simulate a recording of a scene from a file; return the summary."""
     if request.scene is None:
         raise UsageError(
             f"no scene: give SCENE (a file), or {option('scene')} {' or '.join(KINDS)}", id="missing-option"
@@ -76,7 +76,7 @@ def run_scene(request: SceneRequest, job: Job) -> JobResult:
 
 
 def run_people(request: SimulatePeopleRequest, job: Job) -> JobResult:
-    """Render the video of people of similar appearance."""
+    """Render the video of people of similar appearance as a recording; return the summary."""
     return _write(people_setup(request), request, job)
 
 
@@ -170,7 +170,7 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
-    """Return the settings of randomly walking objects; with video, no person walks into a wall."""
+    """Return the settings of randomly walking objects; with video, they keep half a diameter from walls by default."""
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
     if request.render and "wall_clearance" not in request.world:
@@ -203,7 +203,13 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
 
 
 def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) -> dict[str, object]:
-    """Return the keyword arguments for step duration and step count that the request states."""
+    """Return the duration of a step [s], and the number of steps if the request states one, as keyword arguments.
+
+    Args:
+        defaults: has the duration of a step if there is no rate.
+        rate_hz: steps per second; None: not stated.
+        seconds: duration; None: not stated.
+    """
     step_s = defaults.step_s if rate_hz is None else 1.0 / rate_hz
     steps = {} if seconds is None else {"steps": round(seconds / step_s) + 1}
     return {"step_s": step_s, **steps}
@@ -234,7 +240,15 @@ def people_setup(request: SimulatePeopleRequest) -> Setup:
 def write_recording(
     setup: Setup, made: Provenance, output: Path, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, object]:
-    """Write the recording with provenance and seed, and return the summary of its contents."""
+    """Write the recording, and return the summary of its contents.
+
+    Args:
+        setup: what to simulate.
+        made: provenance, with the seed.
+        output: recording; videos are next to it.
+        overwrite: replace existing files.
+        quiet: no progress bar.
+    """
     seed = made.seed or 0
     start = _places_apart(setup, seed) if setup.separate else None
     if setup.render is not None and setup.script is not None:
@@ -290,7 +304,7 @@ def _targets(setup: Setup) -> list[int]:
 
 
 def _places_apart(setup: Setup, seed: int) -> Floats:
-    """Return start positions of people at which they do not occlude each other; UsageError if none are found."""
+    """Return start positions (n, 2) of people at which they do not occlude each other; UsageError if none are found."""
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
@@ -298,7 +312,10 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:
-    """Generate chunks of true paths: random walks from positions (n, 2) (None: random), or scripted paths."""
+    """Generate chunks of true paths, random walks or scripted paths.
+
+    `start` (n, 2) are the first positions of the walks; None: random.
+    """
     world, script = setup.world, setup.script
     if script is None:
         return simulate_truth(setup.scene, world, seed, start, field=setup.field, people=setup.people)
@@ -309,7 +326,10 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Ti
 def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | TimeGrid]:
-    """Yield the chunks of truth, writing each with the sensors' simulated measurements to the recording."""
+    """Yield the chunks of truth, writing each with the sensors' simulated measurements to the recording.
+
+    `start` is as in `_truth`; `counts` of the summary is updated.
+    """
     truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}

@@ -111,7 +111,11 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
 
 
 def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: MovingObstacleTracks | None) -> WaypointState:
-    """Draw random start positions for all n objects, away from people."""
+    """Draw the random start state of n objects: their positions and destinations.
+
+    They are at least a diameter from each other and from the people of the first step. InputError if n is 0, or if they
+    do not fit.
+    """
     if n == 0:
         raise InputError("simulate: targets and occluders are both 0; give at least one object", id="missing-option")
     there = np.empty((0, 2)) if people is None else people.at(0).xy

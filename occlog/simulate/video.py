@@ -69,7 +69,7 @@ class Setup:
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
-    """The video file of each camera, next to the recording; none where images go into it."""
+    """Video file of each camera with a pose, next to the recording; empty if images go into it or are not rendered."""
     if setup.render is None or setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras if c.placed}
@@ -86,7 +86,10 @@ def film(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Render all cameras along the chunks of truth; write and count video frames and true boxes."""
+    """Render all cameras along the chunks of truth; write video frames and true boxes, and update `counts`.
+
+    Nothing is done without settings of the renderer.
+    """
     if setup.render is None:
         return
     drawn = render(setup.scene, chunks, setup.render, seed)
@@ -118,7 +121,10 @@ def _film_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> dict[str, LosslessVideo]:
-    """Write the frames to one video file per camera; return the closed files by camera."""
+    """Write the frames to one video file per camera, and their true boxes; return the closed files by camera.
+
+    `paths` has the file of each camera; `counts` is updated.
+    """
     videos: dict[str, LosslessVideo] = {}
     with ExitStack() as stack:
         for frame in frames:

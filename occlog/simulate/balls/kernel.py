@@ -80,7 +80,16 @@ def trace_balls_into(
 
 @kernel
 def _limits(p: float, z: float, radius: float, focal: float, middle: float, size: int) -> tuple[int, int]:
-    """First and end pixel that a ball can touch along one image axis."""
+    """First pixel, and pixel after the last, that a ball can touch along one image axis, 0 to size.
+
+    Args:
+        p: centre of the ball on this axis, in the camera's frame.
+        z: its depth.
+        radius: of the ball.
+        focal: focal length [px].
+        middle: principal point on this axis [px].
+        size: pixels along the axis.
+    """
     distance = math.hypot(p, z)
     centre, half = math.atan2(p, z), math.asin(min(radius / max(distance, 1e-300), 1.0))
     if centre - half <= -0.5 * math.pi or centre + half >= 0.5 * math.pi:
@@ -145,7 +154,10 @@ def paint_balls_into(
 
 @kernel
 def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, view: RenderView, skin: Skin) -> None:
-    """Colour (3,) of a ball where its surface normal is (x, y, z)."""
+    """Set `colour` (3,), BGR, to that of a ball where its surface normal is (x, y, z) in the camera's frame.
+
+    `turn` (3, 3) rotates from the ball's frame to the camera's.
+    """
     qx = turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z
     qy = turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z
     qz = turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z

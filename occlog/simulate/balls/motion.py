@@ -86,7 +86,7 @@ def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
 
 
 def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
-    """True positions and rotations of the balls in every frame; InputError without sufficient room."""
+    """True positions (T, n, 3) and rotations of the n balls in all T frames; InputError without sufficient room."""
     reach = ball_box(config) - config.radius
     if not (reach > 0).all():
         raise InputError(
@@ -119,7 +119,10 @@ def _directions(rngs: list[np.random.Generator]) -> Floats:
 
 
 def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floats:
-    """(n, 3) start positions around the centre of the box; separated in all views, or in space, if requested."""
+    """(n, 3) start positions relative to the centre of the box; separated in all views, or in space, if requested.
+
+    InputError if there is no room. `reach` (3,) are the half lengths of the box for centres.
+    """
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
     gap = 2.1 * config.radius
     placed = np.zeros((0, 3))
@@ -171,13 +174,25 @@ def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator])
 
 
 def _folded(way: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions of balls reflected by the walls: a path without walls, folded into the box."""
+    """(T, n, 3) positions of balls reflected by the walls: a path without walls, folded into the box.
+
+    Args:
+        way: (T, n, 3) positions without walls, relative to the centre of the box.
+        reach: (3,) half lengths of the box for centres.
+    """
     folded = np.mod(way + reach, 4.0 * reach)
     return np.asarray(np.where(folded > 2.0 * reach, 4.0 * reach - folded, folded) - reach)
 
 
 def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions of balls of equal mass that also collide, in steps of a tenth of a radius."""
+    """(T, n, 3) positions of balls of equal mass that also collide, in steps of a tenth of a radius.
+
+    Args:
+        config: number of frames, speed and radius.
+        start: (n, 3) positions in the first frame, relative to the centre of the box.
+        velocity: (n, 3) per frame.
+        reach: (3,) half lengths of the box for centres.
+    """
     position, v = start.copy(), velocity.copy()
     steps = max(1, math.ceil(1.5 * config.ball_speed / (0.1 * config.radius)))
     out = np.empty((config.frames, *start.shape))
@@ -193,7 +208,10 @@ def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats)
 
 
 def _collide(position: Floats, v: Floats, diameter: float) -> None:
-    """Elastic collision: each colliding pair exchanges velocities along the line of centres."""
+    """Change the velocities `v` (n, 3), in place, by elastic collisions of balls that approach each other.
+
+    Pairs with centres `position` (n, 3) nearer than a diameter exchange their velocities along the line of centres.
+    """
     for i in range(len(position)):
         for j in np.flatnonzero(np.linalg.norm(position[i + 1 :] - position[i], axis=1) < diameter) + i + 1:
             along = position[j] - position[i]

@@ -99,7 +99,16 @@ def trace_into(
 
 @kernel
 def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: float) -> float:
-    """Return the share (0 or 1) of the first of two colours of a cloth pattern, at a point of the unit sphere."""
+    """Return the share (0 or 1) of the first of two colours of a cloth pattern, at a point of the unit sphere.
+
+    Args:
+        qx: point, in the ellipsoid's own axes; positive: at the front.
+        qy: point.
+        qz: point, along the third axis.
+        half: half length of this axis.
+        pattern: `PLAIN` (always 1), `HOOPS`, `STRIPES`, `CHECKS` or `SIDES` (front and back).
+        metre: a metre in scene units.
+    """
     first = True
     if pattern == 1 or pattern == 3:
         first = math.floor(qz * half / (0.06 * metre)) % 2 == 0
@@ -112,7 +121,10 @@ def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: flo
 
 @kernel
 def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bodies, room: Room) -> None:
-    """Set `colour` (3,), BGR, to the shaded colour of ellipsoid p where a line of sight meets it at depth t."""
+    """Set `colour` (3,), BGR, to the shaded colour of ellipsoid p where a line of sight meets it.
+
+    `ray` (3,) is the direction of the line, `t` the distance in its lengths.
+    """
     rx, ry, rz = ray[0], ray[1], ray[2]
     x, y, z = room.origin[0] + t * rx, room.origin[1] + t * ry, room.origin[2] + t * rz
     a, centre = bodies.axes[p], bodies.centre[p]
@@ -148,8 +160,18 @@ def resolve_into(
 ) -> None:
     """Paint what `trace_into` found, count the visible pixels of each body, and restore the buffers.
 
-    `visible` (n, 5) is like `extent`, for the lines of sight that end on the body.  An
-    ellipsoid is shaded once in a pixel, on the first of its lines of sight.
+    An ellipsoid is shaded once in a pixel, on the first of its lines of sight.
+
+    Args:
+        image: (H, W, 3) BGR, painted.
+        depth: (H, W, 4) of the nearest ellipsoid; set to `empty_depth`.
+        label: (H, W, 4) number of that ellipsoid; set to -1.
+        visible: (n, 5) as `extent`, extended by the lines of sight that end on the body.
+        empty_depth: (H, W, 4) of the room without people.
+        rays: (H, W, 4, 3) directions.
+        extent: (n, 5) left, top, right and bottom pixel of each body, and its lines of sight.
+        bodies: all ellipsoids.
+        room: lamps and camera.
     """
     colour = np.zeros(3)
     for k in range(extent.shape[0]):

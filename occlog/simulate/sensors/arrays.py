@@ -32,15 +32,19 @@ class Sounding:
     """Active intervals of sources; draws are remembered, so that all arrays hear the same."""
 
     def __init__(self, silent: Mapping[int, Ints], means: tuple[float, float] | None, start_ns: int, seed: int) -> None:
-        """`silent`: by object, (k, 2) scripted silent intervals, from and to [ns].
+        """State when sources sound.
 
-        `means`: mean durations [s] of sound and silence (`SoundConfig`).
+        Args:
+            silent: by object, (k, 2) scripted silent intervals, from and to [ns].
+            means: mean durations [s] of sound and silence (`SoundConfig`); None: no random silence.
+            start_ns: begin of the simulation [ns].
+            seed: of the random silence.
         """
         self._silent, self._means, self._start, self._seed = dict(silent), means, start_ns, seed
         self._changes: dict[int, SoundChanges] = {}
 
     def at(self, t_ns: Ints, ids: Ints) -> Bools:
-        """Return (T, n) booleans: whether each of n sources sounds at each of T times [ns]."""
+        """Return (T, n) booleans: whether each source of `ids` (n,) sounds at each of the times `t_ns` (T,) [ns]."""
         out = np.ones((len(t_ns), len(ids)), dtype=np.bool_)
         for column, number in enumerate(ids.tolist()):
             for low, high in self._silent.get(number, ()):
@@ -102,7 +106,20 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
 
 
 def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
-    """Merge unresolved sources for one block of times; see `merge_near`."""
+    """Merge unresolved sources for one block of T times; see `merge_near`.
+
+    Args:
+        to: (T, n, 3) directions of n sources from the array.
+        known: (T, n) sources with a known height.
+        heard: (T, n) sources that are heard.
+        resolution: angle below which two sources are merged [rad].
+        planar: the array measures azimuths only.
+
+    Returns:
+        (T, n, 3) directions, those of merged sources are their mean; (T, n) whether all heights of the merged sources
+        are
+        known; (T, n) the first of each group, which stands for it.
+    """
     flat = planar | ~(known[:, :, None] & known[:, None, :])
     ground = _unit(np.concatenate([to[..., :2], np.zeros_like(to[..., :1])], axis=-1))
     units = ground if planar else _unit(to)
@@ -192,7 +209,10 @@ def observe_arrays(
 
 
 def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> SimulatedArray:
-    """Return the array with its own random generator; InputError for a tilted planar array."""
+    """Return the array with its own random generators; InputError for a tilted planar array.
+
+    `number` is its index in the scene.
+    """
     if array.planar and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is planar and tilted, so that it measures no azimuth in the world; "
@@ -262,7 +282,10 @@ def _report(
 
 
 def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
-    """Raise InputError if a tilted array hears a target of unknown height."""
+    """InputError if a tilted array hears a target of unknown height.
+
+    `known` and `heard` are masks (T, n) of times and targets.
+    """
     if (heard & ~known).any() and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z",
@@ -291,9 +314,9 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
 
 
 def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
-    """Draw false directions at given times: Poisson in number, uniform over the sphere or over all azimuths.
+    """Draw false directions at the times `t_ns` [ns]: Poisson in number, uniform over the sphere or over all azimuths.
 
-    Return times, labels, azimuths and elevations; elevations are NaN for planar arrays and unknown heights.
+    Return times, labels, azimuths and elevations [rad]; elevations are NaN for planar arrays and unknown heights.
     """
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
     numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
@@ -310,9 +333,9 @@ def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints
 
 
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
-    """Return the measurement table of an array from columns of equal length.
+    """Return the measurement table of an array from columns (n,).
 
-    Azimuths and elevations are those in the world [rad].
+    Azimuths and elevations are those in the world [rad]; rows are sorted by time and azimuth.
     """
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)

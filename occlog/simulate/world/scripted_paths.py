@@ -75,7 +75,7 @@ def grid_truth(grid: TimeGrid) -> Truth:
 
 
 def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
-    """Return for each object with scripted silence the (k, 2) silent intervals [ns]."""
+    """Return for each object with scripted silence the (k, 2) silent intervals, from and to [ns]."""
     return {
         t.id: start_ns + np.array([[to_ns(a), to_ns(b)] for a, b in t.silent], dtype=np.int64)
         for t in script.targets
@@ -118,7 +118,15 @@ def moved(state: Floats, segment: Segment, dt: float) -> Floats:
 
 
 def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np.random.Generator) -> Iterator[Floats]:
-    """Generate the (3,) position of one scripted target at each step; NaN while it is absent."""
+    """Generate the (3,) position of one scripted target at each step; NaN while it is absent.
+
+    Args:
+        target: the script.
+        steps: number of steps.
+        step_s: duration of a step [s].
+        z: height of a target that states none.
+        rng: of the process noise.
+    """
     x, y, own_z = target.position
     state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
     begin, end = to_ns(target.from_s), math.inf if math.isinf(target.until_s) else to_ns(target.until_s)
@@ -157,7 +165,15 @@ def _entered(state: Floats, segment: Segment) -> Floats:
 
 
 def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int], now: int, t: int) -> Floats:
-    """Return the state at time t [ns], propagated from time `now` through all segments in between."""
+    """Return the state (6,) at time t [ns], propagated from time `now` [ns] through all segments in between.
+
+    Args:
+        state: (6,) position and velocity at `now`.
+        pieces: begin [ns] and segment, in order.
+        starts: the begins alone.
+        now: time of the state.
+        t: the later time.
+    """
     piece = bisect_right(starts, now) - 1
     while piece + 1 < len(pieces) and starts[piece + 1] <= t:
         state = _entered(moved(state, pieces[piece][1], (starts[piece + 1] - now) * 1e-9), pieces[piece + 1][1])
