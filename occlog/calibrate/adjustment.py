@@ -107,7 +107,7 @@ class Clocks(NamedTuple):
     origin: float
 
     def errors(self, camera: Ints | int, stamps: Floats) -> Floats:
-        """(N,) delay [s] of the clocks of cameras (N,) at stamped times (N,)."""
+        """(N,) delay [s] of the clocks of cameras (N,), or of one camera, at stamped times (N,) [s]."""
         return np.asarray(self.late[camera] + self.drift[camera] * (stamps - self.origin))
 
 
@@ -357,7 +357,13 @@ class Adjustment:
         return A, off, g
 
     def _solved(self, A: Floats, off: Floats, right: Floats) -> Floats:
-        """Solve the block tridiagonal normal equations of the paths for right sides (K, 6, R)."""
+        """(K, 6, R) solution of the block tridiagonal normal equations of the paths, which have K states in all.
+
+        Args:
+            A: (K, 6, 6) diagonal blocks.
+            off: (K, 6, 6) blocks below the diagonal; those at the ends of paths are not used.
+            right: (K, 6, R) right sides.
+        """
         out = np.zeros_like(right)
         first, R = self.seen.first, right.shape[2]
         for p0, p1 in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
@@ -404,7 +410,10 @@ class Adjustment:
         return _Reduced(0.5 * (S + S.T), s, solved)
 
     def _step(self, equations: _Equations, damping: float) -> tuple[Floats, Floats]:
-        """Damped step: changes of the parameters and of the states."""
+        """Damped step: changes (n,) of the parameters, 0 for fixed ones, and of the states (K, 6).
+
+        `damping` is relative to the diagonal of the equations (Levenberg-Marquardt).
+        """
         reduced = self._reduced(equations, damping)
         free = np.flatnonzero(self.free)
         S = reduced.matrix[np.ix_(free, free)]
@@ -508,6 +517,10 @@ class Adjustment:
 
         Biases of edges are consider parameters (Schmidt 1966): they are not estimated, since small errors of the body
         model would make them large, but their effect on the estimates is added.
+
+        Args:
+            equations: normal equations at the solution.
+            correlation: factors by which errors that are correlated in time widen the covariance.
         """
         exact = self._reduced(equations, 0.0).matrix
         gain = self._inverse(exact) @ (exact * self.sigma_bias)
@@ -573,7 +586,13 @@ class _Motion(NamedTuple):
         return float(0.5 * np.einsum("li,lij,lj->", off, self.precision, off))
 
     def add(self, states: Floats, A: Floats, g: Floats) -> Floats:
-        """Add the prior to diagonal blocks and right side, in place; return the (K, 6, 6) blocks below the diagonal."""
+        """Add the prior to diagonal blocks and right side, in place; return the (K, 6, 6) blocks below the diagonal.
+
+        Args:
+            states: (K, 6) states of all paths.
+            A: (K, 6, 6) diagonal blocks.
+            g: (K, 6) right side.
+        """
         off, P, F = self._off(states), self.precision, self.transition
         PF = P @ F
         A[self.inner] += np.swapaxes(F, 1, 2) @ PF
@@ -586,7 +605,13 @@ class _Motion(NamedTuple):
 
 
 def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
-    """Prior of the paths: white acceleration, nearly constant body size."""
+    """Prior of the paths: white acceleration, nearly constant body size.
+
+    Args:
+        seen: has the times of the paths' states.
+        metre: a metre in scene units.
+        acceleration: spectral density [m^2/s^3].
+    """
     last = seen.first[1:] - 1
     inner = np.setdiff1d(np.arange(len(seen.time)), last)
     dt = seen.time[inner + 1] - seen.time[inner]
@@ -608,7 +633,10 @@ def _roots(motion: _Motion) -> Floats:
 
 
 def _banded(diagonal: Floats, below: Floats) -> Floats:
-    """(12, 6 T) lower banded form of a symmetric block tridiagonal matrix with (T, 6, 6) and (T - 1, 6, 6) blocks."""
+    """(12, 6 T) lower banded form of a symmetric block tridiagonal matrix.
+
+    `diagonal` (T, 6, 6) and `below` (T - 1, 6, 6) are its blocks.
+    """
     n = STATE_SIZE
     T = len(diagonal)
     out = np.zeros((2 * n, T * n))

@@ -15,7 +15,7 @@ from .results.output import CalibrationOutput, write_scene
 
 
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Calibrate and write; return the summary, and previous losses."""
+    """Calibrate by a board or by people, and write the outputs; return the summary, and losses of the inputs."""
     form = format_of(request.output)
     if form is not None:
         check_calibration(request.output, form, job.overwrite)

@@ -25,7 +25,7 @@ ARRAYS = "microphone arrays"
 
 
 def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened | None:
-    """The input with directions of arrival; None: missing."""
+    """Input with directions of arrival: the given file, or the input of the boxes; None if neither has any."""
     if request.doa is None:
         return inputs.opened if inputs.opened.has(Doa) else None
     opened = open_input(request.doa, Doa)
@@ -38,7 +38,15 @@ def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened |
 def place_arrays(
     opened: Opened, scene: Scene, paths: Sequence[Path], config: CalibrateConfig, metre: float
 ) -> list[ArrayResult]:
-    """Place the microphone arrays of a scene that have directions of arrival, by people who speak."""
+    """Estimate the poses of the microphone arrays of a scene that have directions of arrival, by people who speak.
+
+    Args:
+        opened: input with directions.
+        scene: has the arrays.
+        paths: of people.
+        config: heights of mouths, and limit of clock offsets.
+        metre: a metre in scene units.
+    """
     heard = Doa.concat([Doa.empty(), *opened.rows(Doa)])
     recorded = {a.name: float(a.yaw) for a in (() if opened.scene is None else opened.scene.arrays)}
     out = []

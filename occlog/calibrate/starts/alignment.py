@@ -151,7 +151,16 @@ def _shifted(paths: Complexes, late: int) -> Complexes:
 
 
 def _proposals(a: Complexes, b: Complexes, step_s: float, person_height: float) -> tuple[Floats, Floats, Complexes]:
-    """Weights, yaws and translations (n,) of the planar congruences that map paths of b to paths of a."""
+    """Weights, yaws [rad] and translations (n,) of the planar congruences that map paths of b to paths of a.
+
+    One for each pair of paths that agree in shape; translations are complex.
+
+    Args:
+        a: (A, T) complex positions of paths; NaN: absent.
+        b: (B, T) likewise, in the frame of the other camera.
+        step_s: time step [s].
+        person_height: in scene units.
+    """
     there_a, there_b = np.isfinite(a), np.isfinite(b)
     za, zb = np.where(there_a, a, 0.0), np.where(there_b, b, 0.0)
     ma, mb = there_a.astype(np.float64), there_b.astype(np.float64)
@@ -208,7 +217,14 @@ def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
 
 
 def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> PlanarPose:
-    """Refine a pose by least squares over all agreeing positions."""
+    """Refine a pose by least squares over all agreeing positions; the pose itself if there are too few.
+
+    Args:
+        a: (A, T) complex positions of paths; NaN: absent.
+        b: (B, T) likewise, in the frame of the other camera.
+        pose: of b in the frame of a.
+        person_height: in scene units.
+    """
     late = _shifted(b, round(pose.late))
     moved = pose.position + np.exp(1j * pose.yaw) * late
     i, j, t = np.nonzero(_mutual(a, moved, MATCH_HEIGHTS * person_height))
@@ -220,7 +236,10 @@ def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 
 
 def joined(count: int, pairs: Sequence[PairAlignment]) -> list[PlanarPose | None]:
-    """Poses of all cameras in the frame of the one with most support; None for cameras not connected to it."""
+    """Poses of all cameras in the frame of the one with most support; None for cameras not connected to it.
+
+    `count` is the number of cameras; pairs with too little support are ignored.
+    """
     good = [each for each in pairs if each.support >= MIN_SUPPORT and each.share >= MIN_SHARE]
     poses: list[PlanarPose | None] = [None] * count
     if not good:
