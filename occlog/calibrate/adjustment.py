@@ -520,7 +520,7 @@ class Adjustment:
 
         Args:
             equations: normal equations at the solution.
-            correlation: factors by which errors that are correlated in time widen the covariance.
+            correlation: (4,) variance inflation factors of the edges.
         """
         exact = self._reduced(equations, 0.0).matrix
         gain = self._inverse(exact) @ (exact * self.sigma_bias)

@@ -88,7 +88,12 @@ class BoxExtents:
         return outcome(EXTENTS, self._found(known, given), unless=none)
 
     def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
-        """Report another image size, consistent over the piles of box edges of all cameras."""
+        """Report another image size, if the edges of boxes of all cameras agree on it; else cameras with boxes beyond it.
+
+        Args:
+            known: names of cameras with a size of images, rather than of the calibration.
+            given: the user gives the size.
+        """
         sized = [key for key in self._counts if key[0] in self._sizes]
         borders = [self._border(*key) for key in sized]
         piles = [border for border in borders if border is not None]

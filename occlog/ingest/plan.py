@@ -44,7 +44,10 @@ def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
     if not found:
         return dict(values)
     if len(found) > 1:
-        raise UsageError(f"{found[1]}: a second data set; make a recording of each", id="ambiguous-input")
+        raise UsageError(
+            f"{found[1]}: a second WILDTRACK folder; run occlog ingest for each, with its own output",
+            id="ambiguous-input",
+        )
     folder, out = found[0], dict(values)
     out["bags"] = tuple(path for path in values["bags"] if path != folder)
     if not values["calibration"] and not values["scene"]:
@@ -501,7 +504,10 @@ def is_name(text: str) -> bool:
 
 
 def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
-    """Parse `NAME=VALUE` or `VALUE`; a text that is an existing file is a value even if it contains `=`."""
+    """Parse texts `NAME=VALUE` or `VALUE` (name None); `kind` converts the value.
+
+    A text that is an existing file is a value even if it contains `=`.
+    """
     out: list[tuple[str | None, T]] = []
     for text in values:
         name, mark, value = text.partition("=")
@@ -535,7 +541,10 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
 
 
 def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
-    """Parse `NAME=VALUE` pairs; UsageError for a missing or repeated name."""
+    """Parse texts `NAME=PATH` to paths by name; UsageError for a missing or repeated name.
+
+    `setting` names the option in messages.
+    """
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:

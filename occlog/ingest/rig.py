@@ -93,7 +93,12 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
 
 
 def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check]:
-    """Report a world that is not upright, or was levelled by horizons which leave the cameras' pitch open."""
+    """Report a world that is not upright, or was levelled by horizons which leave the cameras' pitch open.
+
+    Args:
+        rotations: (C, 3, 3) world-from-camera rotations.
+        up: as the user gives it: None, `auto`, or a direction.
+    """
     if up is None and not is_upright(rotations):
         direction = vertical(rotations).up
         off_deg = float(np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0))))

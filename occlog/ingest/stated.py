@@ -25,7 +25,7 @@ STRIDE_TOLERANCE = 0.05
 
 
 def source_checks(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> tuple[Check, ...]:
-    """Checks of the videos and images of cameras, and of boxes of the same frames."""
+    """Checks of the videos and images of cameras, and of boxes of the same frames (`survey`; None: no boxes)."""
     no_video = "" if plan.video else "there is no video"
     no_sidecar = "" if plan.video and plan.timestamps else "no video has time stamps in a file"
     numbers = [] if survey is None else [*_restarts(survey)]
@@ -47,7 +47,7 @@ def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
 
 
 def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Report videos with a first time stamp other than 0, unless all have the same or a start is given."""
+    """Report videos with a first time stamp other than 0, unless all have the same or their times are given."""
     given = {name for name, _ in (*plan.start_time, *plan.timestamps)}
     starts = {
         s.name: s.decoder.start_s
@@ -78,7 +78,7 @@ def _restarts(survey: BoxSurvey) -> Iterator[Check]:
 
 
 def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:
-    """Report cameras with boxes that end long before the pictures, as if frames had been skipped and renumbered."""
+    """Report cameras of `sources` with boxes that end long before the pictures, as if frames were renumbered."""
     for source in sources if survey is not None and not plan.frames else ():
         frames, stop = source.decoder.frames or 0, survey.ranges[source.name].stop if survey is not None else 0
         if frames - stop > MAX_BOXLESS_SHARE * frames:

@@ -42,7 +42,7 @@ class TimeSpanNs:
     last: int = -(2**63)
 
     def take(self, first: int, last: int) -> None:
-        """Extend the range to include two times [ns]."""
+        """Extend the span to include the times `first` and `last` [ns]."""
         self.first, self.last = min(self.first, first), max(self.last, last)
 
     def __str__(self) -> str:
@@ -111,7 +111,12 @@ class NumberedFrames(TimeSpanNs):
     _last: int = -1
 
     def add(self, t_ns: Ints, frame: Ints) -> None:
-        """Take in the next frames (n,) of different times, n > 0."""
+        """Update the longest intervals per frame number by the next frames; numbers that do not rise are skipped.
+
+        Args:
+            t_ns: (n,) rising times of the frames [ns], n > 0.
+            frame: (n,) their numbers.
+        """
         if self._last >= 0:
             t_ns, frame = np.append(self.last, t_ns), np.append(self._last, frame)
         numbers = np.diff(frame)
@@ -129,7 +134,7 @@ class NumberedFrames(TimeSpanNs):
 
     @property
     def gap(self) -> tuple[float, float]:
-        """Begin and end of the longest interval [ns]."""
+        """First and last time of the longest interval per number [ns]."""
         return self.before, self.before + self.longest * self.numbers
 
     def goes_on(self, gap: tuple[float, float]) -> bool:
@@ -139,7 +144,10 @@ class NumberedFrames(TimeSpanNs):
 
     @property
     def jump_ns(self) -> float:
-        """By how much one interval is longer than its numbers explain, and no other one [ns]; 0: none is."""
+        """Time by which the longest interval exceeds what its frame numbers explain [ns].
+
+        0: it exceeds that by too little, the second longest interval is long as well, or there are too few frames.
+        """
         others = self.intervals - self.numbers
         if others < FEWEST:
             return 0.0
@@ -257,7 +265,10 @@ class Times:
 
 
 def _rate_hz(t_ns: Ints, target_id: Ints32) -> float:
-    """Median rate [Hz] of the target with the most rows; 0 with fewer than `FEWEST`."""
+    """Median rate [Hz] of the target with the most rows; 0 if it has fewer than `FEWEST`.
+
+    `t_ns` (N,) are the times [ns] of rows of the targets `target_id` (N,); below 0: none.
+    """
     targets, counts = np.unique(target_id[target_id >= 0], return_counts=True)
     if not len(targets) or counts.max() < FEWEST:
         return 0.0
@@ -271,13 +282,13 @@ class TimedWriter(RecordingWriter):
     times: Times
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
-        """Add a compressed image."""
+        """Add a compressed image with frame number `index`, and its time to the statistics."""
         self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         self.times.pictures.add(sensor, t_ns, hash(data))
         super().image(sensor, t_ns, index, data, kind)
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
-        """Add the time of one frame of a linked video."""
+        """Add the time of one frame of a linked video, with frame number `index`, also to the statistics."""
         self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         super().video_frame(sensor, t_ns, index)
 
