@@ -122,7 +122,7 @@ class SightingInput:
 
 
 def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Learn the gallery and write it; return the summary and the losses."""
+    """Learn the gallery of appearances from boxes and images, and write it; return the summary and the losses."""
     if request.boxes is not None and request.views is not None:
         raise UsageError(
             f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them",

@@ -32,9 +32,9 @@ AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi
 
 
 def expected_boxes(camera: Camera, xy: Floats, height: float) -> Floats:
-    """(K, 4) left, top, right, bottom [px] of upright people at positions (K, 2); NaN unless entirely in front.
+    """(K, 4) left, top, right, bottom [px] of upright people at positions `xy` (K, 2); NaN unless entirely in front.
 
-    A person is a cylinder on the floor, `WIDTH` times as wide as high.
+    A person is a cylinder on the floor, of a height in scene units, `WIDTH` times as wide as high.
     """
     ring = xy[:, None] + 0.5 * WIDTH * height * AROUND
     rows = [np.concatenate([ring, np.full((*ring.shape[:2], 1), z)], axis=2) for z in (0.0, height)]
@@ -44,7 +44,7 @@ def expected_boxes(camera: Camera, xy: Floats, height: float) -> Floats:
 
 
 def overlaps(a: Floats, b: Floats) -> Floats:
-    """(n, K) intersection areas of boxes (n, 4) and (K, 4), given by edges; 0 for NaN."""
+    """(n, K) intersection areas of boxes a (n, 4) and b (K, 4): left, top, right, bottom; 0 for NaN."""
     corner = np.minimum(a[:, None, 2:], b[None, :, 2:]) - np.maximum(a[:, None, :2], b[None, :, :2])
     return np.asarray(np.nan_to_num(np.prod(np.maximum(corner, 0.0), axis=2)))
 
@@ -125,7 +125,10 @@ def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_spe
 
 
 def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleAtTimes:
-    """All people at times (N,), linearly interpolated over gaps of at most `limit_ns`."""
+    """All people at the times `t_ns` (N,) [ns], linearly interpolated over gaps of at most `limit_ns` [ns].
+
+    `paths` has the path of each identity.
+    """
     identity = np.array(sorted(paths), dtype=np.int32)
     n, k = len(t_ns), len(identity)
     xy, heading = np.full((n, k, 2), np.nan), np.full((n, k, 2), np.nan)
@@ -290,7 +293,7 @@ def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, Pe
 def paths_of_boxes(
     chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, config: SightingConfig
 ) -> dict[int, PersonPath]:
-    """Paths of the identities of boxes: floor positions below the middle of their lower edges.
+    """Path of each identity of boxes: floor positions below the middle of their lower edges.
 
     They are averaged over the cameras at one time; boxes with a lower edge above the horizon are skipped.
     """
@@ -397,7 +400,15 @@ def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
 def _seen_tracks(
     boxes: FrameBoxes, paths: dict[int, PersonPath], camera: Camera, config: SightingConfig, own_identity: bool
 ) -> tuple[Ints32, Floats]:
-    """(n,) track of each box, NO_ID for none, and its viewing angle (n,)."""
+    """(n,) track of each of n boxes, NO_ID for none, and its viewing angle (n,) [rad], NaN if unknown.
+
+    Args:
+        boxes: of one frame.
+        paths: of people, by identity.
+        camera: of the frame.
+        config: height of people, and limits of gaps and overlaps.
+        own_identity: the boxes' identities are those of the paths; otherwise boxes are matched with expected ones.
+    """
     n = len(boxes.box)
     if not paths or not camera.has_height:
         identity = boxes.identity if own_identity else np.full(n, NO_ID, dtype=np.int32)
@@ -420,7 +431,7 @@ class _Images:
     """Stream of images that holds those of the current time."""
 
     def __init__(self, frames: Iterable[Frame], tally: SightingTally) -> None:
-        """Start without reading images."""
+        """Start without reading images; `tally` counts those that are missing or cannot be read."""
         self._frames, self._tally = iter(frames), tally
         self._held: dict[tuple[str, int], Frame] = {}
         self._next: Frame | None = None

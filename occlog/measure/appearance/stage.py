@@ -25,7 +25,7 @@ ANGLE, HEADING, COVERED, PIXELS = "angle", "heading", "covered", "pixels"
 
 
 def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
-    """Accumulate the histograms of each target and viewing angle; every pixel has the same weight.
+    """Return the mean colour histograms of each target and viewing angle; every pixel has the same weight.
 
     Boxes without a track, with unknown heading, covered, or with too few pixels are skipped. The table is empty if no
     viewing angle of any person has enough boxes.
@@ -91,11 +91,11 @@ def sides_of(gallery: Gallery) -> GalleryArrays:
 
 
 def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConfig) -> Iterator[AppearanceMatches]:
-    """Compare each box with each target at the same viewing angle; one table per frame.
+    """Compare each box with each target at the same viewing angle; generate one table per frame.
 
     A box is identified as the most similar target if the similarity is sufficient; of two boxes most similar to one
     target the more similar one is identified. Comparisons are suspended for a target without this viewing angle in the
-    gallery, and for all targets if the viewing angle is unknown or the box has too few visible pixels.
+    gallery (`sides`), and for all targets if the viewing angle is unknown or the box has too few visible pixels.
     """
     n_targets, n_angles = sides.there.shape
     for each in sightings:

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
 
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Label candidates and write them; return the summary and earlier losses."""
+    """Label candidate bearings by tracks, and write them; return the summary and earlier losses.
+
+    InputError if no track is there at the time of any frame.
+    """
     inputs = MeasurementInputs(request.bearings, request.scene, request.doa, request.doa_labels)
     tracks = inputs.open(request.tracks, Tracks)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without)

@@ -99,7 +99,12 @@ class ChannelLags:
         return alone if largest > count / 2 else []
 
     def inverted(self, microphones: Floats, rate: float) -> list[int]:
-        """Channels, from 0, with inverted sign relative to the majority; see `late` for the arguments."""
+        """Channels, from 0, with inverted sign relative to the majority; empty if that is not clear.
+
+        Args:
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
+        """
         if self._sums is None:
             return []
         count = len(self._sums)
@@ -141,7 +146,15 @@ class ChannelLags:
         return Exchange(tuple(named), float(np.median(found[:, 0]))) if named else None
 
     def _within(self, i: int, j: int, microphones: Floats, rate: float, size: int = BLOCK) -> Bools:
-        """(size,) mask of lags possible for the distance of two microphones."""
+        """(size,) mask of lags, in the order of an FFT, that are possible for the distance of microphones i and j.
+
+        Args:
+            i: microphone.
+            j: microphone.
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
+            size: number of lags.
+        """
         limit = float(np.linalg.norm(microphones[i] - microphones[j])) * rate + SLACK_SAMPLES
         return np.asarray(np.abs(np.fft.fftfreq(size, 1.0 / size)) <= limit)
 
@@ -217,6 +230,10 @@ def _delay(found: Floats, near: Bools) -> float:
     """Lag [samples, fractional] of the peak of a correlation; NaN if it is not distinct.
 
     For broadband sound the peak is a sinc; its position follows from two neighbours (Foroosh et al. 2002).
+
+    Args:
+        found: (n,) correlation by lag, in the order of an FFT.
+        near: (n,) lags that are possible.
     """
     values = np.where(near, found, -np.inf)
     top = int(np.argmax(values))
@@ -229,7 +246,7 @@ def _delay(found: Floats, near: Bools) -> float:
 
 
 def _swapped(count: int, i: int, j: int) -> Ints:
-    """Channel numbers with two of them exchanged."""
+    """(count,) channel numbers with i and j exchanged."""
     out = np.arange(count)
     out[[i, j]] = j, i
     return out

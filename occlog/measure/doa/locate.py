@@ -36,7 +36,7 @@ def extents(microphones: Floats) -> tuple[int, Floats]:
 
 
 def direction(azimuth: Floats, elevation: Floats) -> Floats:
-    """(n, 3) unit vectors of directions."""
+    """(n, 3) unit vectors of directions with azimuths and elevations (n,) [rad]."""
     c = np.cos(elevation)
     return np.stack([c * np.cos(azimuth), c * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
@@ -180,7 +180,10 @@ def library() -> ModuleType:
 
 
 def make_band(rate: int, config: DoaConfig) -> Band:
-    """Select the bins of the band; UsageError if the recording has fewer than three of them."""
+    """Select the frequencies of the band; UsageError if the recording has fewer than three of them.
+
+    `rate` is the number of samples per second.
+    """
     length = 1 << max(math.ceil(math.log2(config.window_s * rate)), 3)
     frequency = np.arange(length // 2 + 1) * rate / length
     bins = np.flatnonzero((frequency >= config.low_hz) & (frequency <= config.high_hz) & (frequency > 0))
@@ -199,6 +202,12 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
 
     UsageError where pyroomacoustics is missing, the band or the grid is unsuitable for the array, or the algorithm
     finds fewer sources than `config.max_sources`.
+
+    Args:
+        array: with its microphones.
+        rate: samples per second.
+        unit: of lengths in the scene.
+        config: algorithm, band and grid.
     """
     doa, band, speed = library(), make_band(rate, config), speed_of_sound(config, unit)
     _check_extent(array, band, speed, unit)
@@ -248,7 +257,7 @@ def speed_of_sound(config: DoaConfig, unit: str) -> float:
 def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -> None:
     """InputError if the travel time across an array exceeds the window, so that spectra are unrelated.
 
-    The grid becomes finer with the extent, up to 1 degree.
+    `speed` is that of sound, in `unit` per second.
     """
     window = band.length / band.rate
     extent = float(np.hypot.reduce(np.ptp(array.microphones, axis=0))) if len(array.microphones) else 0.0
@@ -261,7 +270,10 @@ def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -
 
 
 def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfig) -> DirectionGrid:
-    """Create the grid: a few directions per lobe of the array at the top of the band, 1 to 5 degrees apart."""
+    """Create the grid: a few directions per lobe of the array at the top of the band, 1 to 5 degrees apart.
+
+    `speed` is that of sound, in the unit of the microphones' positions. UsageError if the grid is too large.
+    """
     span = float(np.ptp(array.microphones, axis=0).max())
     lobe = np.degrees(2.0 * np.pi * speed / (float(band.omega[-1]) * span))
     step = config.grid_deg if config.grid_deg is not None else float(np.clip(lobe / POINTS_A_LOBE, 1.0, 5.0))
@@ -307,7 +319,15 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
 def _with_uncertainty(
     at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int
 ) -> ArrayDirection:
-    """Direction with its standard deviations, between `FLOOR` and those of a uniform distribution."""
+    """Direction with its standard deviations, between `FLOOR` and those of a uniform distribution.
+
+    Args:
+        at: array, band and grid.
+        azimuth: in the array's frame [rad].
+        elevation: in the array's frame [rad].
+        agreement: coherence of the channels.
+        snapshots: number of spectra that it is from.
+    """
     count = float(np.clip(snapshots * INDEPENDENT, 1.0, MAX_INDEPENDENT))
     flat = len(at.grid.elevation) == 1
     # Without a third dimension the elevation is taken for known.
@@ -351,7 +371,10 @@ def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
 
 
 def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[int, int]]:
-    """Rows and columns of the highest local maxima that are allowed and sufficiently separated, highest first."""
+    """Rows and columns of the highest local maxima that are allowed and sufficiently separated, highest first.
+
+    `chart` (E, A) has the power at each elevation and azimuth of the grid.
+    """
     E = len(chart)
     padded = np.pad(np.pad(chart, ((1, 1), (0, 0)), constant_values=-np.inf), ((0, 0), (1, 1)), mode="wrap")
     around = [
@@ -377,7 +400,14 @@ def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[i
 
 
 def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[float, float]:
-    """Azimuth and elevation of the maximum, refined by parabolas through its neighbours."""
+    """Azimuth and elevation [rad] of a local maximum, refined by parabolas through its neighbours.
+
+    Args:
+        chart: (E, A) power at each elevation and azimuth.
+        grid: the directions.
+        row: of the maximum.
+        column: of the maximum.
+    """
     A = len(grid.azimuth)
     line = chart[row, [(column - 1) % A, column, (column + 1) % A]]
     azimuth = grid.azimuth[column] + _top(line) * (2.0 * np.pi / A)

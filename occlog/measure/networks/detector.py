@@ -91,7 +91,7 @@ class Embedder:
 
 
 def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
-    """Load a network for re-identification.
+    """Load a network for re-identification, to run with a number of threads.
 
     Raises:
         InputError: the file is not such a network, or cannot be run.

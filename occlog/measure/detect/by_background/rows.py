@@ -29,7 +29,7 @@ class _RegionFrames(NamedTuple):
 
 
 def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views, Bearings]:
-    """Views and bearings of one camera; updates its memory of the targets."""
+    """Convert the regions of one camera's frames to views and bearings; updates its memory of the targets."""
     if not found or state.setup is None:
         return Views.empty(), Bearings.empty()
     frames = _gather(found)
@@ -61,7 +61,14 @@ def _cut(boxes: Floats, width: int) -> Bools:
 
 
 def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: RegionBearings) -> Ints:
-    """(F, T) index of each target's region among all regions; -1 if not detected."""
+    """(F, T) index of each target's region among all K regions of F frames; -1 if not detected.
+
+    Args:
+        state: of the camera; its memory of the T targets is updated.
+        frames: the regions.
+        like: (K, T) similarities.
+        seen: bearings of the regions.
+    """
     chosen, may_be = [], _near(state, frames, seen)
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
         mine = ForegroundRegions(*(column[a:b] for column in frames.regions))
@@ -76,7 +83,10 @@ def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: Regio
 
 
 def _near(state: CameraState, frames: _RegionFrames, seen: RegionBearings) -> Bools | None:
-    """(K, T) mask of regions near the predicted position of each target; None without predictions or pose."""
+    """(K, T) mask of regions near the predicted position of each target; None without predictions or pose.
+
+    `seen` are the bearings of the K regions.
+    """
     near, camera = state.near, state.camera
     if near is None or not camera.placed:
         return None
@@ -127,7 +137,15 @@ def _views(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like
 
 
 def _bearings(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like: Floats, chosen: Ints) -> Bearings:
-    """One row for each frame and target; none for a camera without pose."""
+    """Bearings, one row for each frame and target, also if not detected; none for a camera without pose.
+
+    Args:
+        state: of the camera.
+        frames: F frames with K regions.
+        seen: bearings of the regions.
+        like: (K, T) similarities.
+        chosen: (F, T) region of each target; -1: not detected.
+    """
     if not state.camera.placed:
         return Bearings.empty()
     ids = _target_ids(state)

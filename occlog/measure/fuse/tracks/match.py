@@ -100,7 +100,18 @@ def distances(first: GroundPositions, second: GroundPositions, error: float) -> 
 def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
-    """Rows of both groups at one time step, of tracks that are ever near each other, with their mean distances."""
+    """Rows of both groups at one time step, of tracks that are ever near each other, with their mean distances.
+
+    Args:
+        first: tracks of one group.
+        second: tracks of the other group.
+        error: standard deviation of the groups' relative positions.
+        gate: limit of the normalised distance.
+        span_s: time over which distances are averaged [s].
+
+    Returns:
+        (n,) rows of the first group, (n,) rows of the second, (n,) mean squared normalised distances.
+    """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
     none = np.zeros(0, dtype=np.int64)
@@ -118,7 +129,10 @@ def _compared(
 
 
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
-    """Pairs of identities that are within the gate at some time step."""
+    """Pairs of identities (of the first and the second group) that are within the gate at some time step.
+
+    `error` is the standard deviation of the groups' relative positions.
+    """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()
     times, start, number = np.unique(second.t_ns, return_index=True, return_counts=True)
@@ -199,7 +213,12 @@ class IdentityMatcher:
             yield identity, index
 
     def _again(self, members: tuple[Member, ...], taken: dict[int, int]) -> int:
-        """Identity that a track had before it was merged with another person; else a new one."""
+        """Identity that a track had before it was merged with another person; else a new one.
+
+        Args:
+            members: tracks that are one person.
+            taken: identities in use at this time step.
+        """
         for member in members:
             own = self._own.get(member)
             if own is not None and own not in taken:

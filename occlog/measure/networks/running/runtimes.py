@@ -76,7 +76,14 @@ def _extra(name: str) -> ModuleType:
 
 @contextmanager
 def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception], ...], does: str) -> Iterator[None]:
-    """Context manager that converts errors of a runtime to InputError."""
+    """Context manager that converts errors of a runtime to InputError.
+
+    Args:
+        model: the network.
+        called: name of the runtime, for the message.
+        errors: types that are converted.
+        does: what it cannot do, a verb.
+    """
     try:
         yield
     except errors as error:
