@@ -88,7 +88,7 @@ class BoxExtents:
         return outcome(EXTENTS, self._found(known, given), unless=none)
 
     def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
-        """Report another image size, if the edges of boxes of all cameras agree on it; else cameras with boxes beyond it.
+        """Report another image size, if the edges of boxes of all cameras agree on it; else boxes beyond the images.
 
         Args:
             known: names of cameras with a size of images, rather than of the calibration.

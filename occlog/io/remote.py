@@ -115,7 +115,10 @@ class Version(NamedTuple):
 
 @contextmanager
 def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
-    """Context manager that converts exceptions of file systems to one-line errors."""
+    """Context manager that converts exceptions of file systems to one-line errors of the type `failure`.
+
+    Without the package for such URLs, UsageError; errors of a full disk pass.
+    """
     try:
         yield
     except OcclogError:
@@ -303,7 +306,10 @@ class Cache:
             )
 
     def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
-        """Fetch a file of this size [bytes]; None: unknown."""
+        """Fetch the file at `url` to `file`; InputError if its size is not the `wanted` one [bytes] (None: unknown).
+
+        Older files are removed from the cache to make room.
+        """
         self._trim(wanted or 0)
         size = fetch(url, file)
         if wanted is not None and size != wanted:

@@ -78,7 +78,7 @@ class GeodeticCells:
     """Cells of a table with geodetic positions."""
 
     def __init__(self, path: Path, cells: TableCells, columns: GeodeticColumns) -> None:
-        """Take the cells of a file."""
+        """Wrap the cells of a file with latitudes and longitudes in `columns`."""
         self._path, self._cells, self._columns = path, cells, columns
         self._xyz: Floats | None = None
 
@@ -87,7 +87,10 @@ class GeodeticCells:
         return len(self._cells)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) numbers; geodetic positions are converted to the scene [m]."""
+        """(n,) numbers of the column `name`; x, y and z are converted from geodetic positions to the scene [m].
+
+        `blank`: empty cells are NaN rather than an error.
+        """
         if name not in POSITION:
             return self._cells.floats(name, blank=blank)
         if self._xyz is None:
@@ -125,7 +128,7 @@ class GeodeticCells:
         return self._cells.bools(name)
 
     def times(self, name: str, unit: str) -> Ints:
-        """Return the (n,) times of a column [ns since the Unix epoch]."""
+        """Return the (n,) times of the column `name` [ns since the Unix epoch]; `unit` is that of its numbers."""
         return self._cells.times(name, unit)
 
     def raw(self, name: str) -> list[object]:

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.input_units import STATED
 from occlog.io.files.timing.times import TIME_COLUMNS, UNITS
 from occlog.io.formats.boxes.columns import COLUMNS as BOXES
@@ -317,7 +317,10 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
-    """Message about an unused column with a name similar to that of a missing one; None if there is none."""
+    """Message about an unused column with a name similar to that of a missing one; None if there is none.
+
+    `names` are those of all columns of the file.
+    """
     there = {s.column.name for s in layout.columns}
     absent = [c for c in layout.table.columns() if c.name not in there]
     known = {name: c.name for c in absent for name in spellings(c, layout.table) if len(name) > 3}
@@ -393,7 +396,7 @@ def _check_angles(layout: TableLayout, there: Mapping[str, str]) -> None:
         if s.column.unit == "rad" and not s.unit and stated:
             raise InputError(
                 f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad, "
-                "or give its input unit",
+                f"or give {option('input_units')} {s.name}=deg",
                 id="missing-unit",
             )
         if _is_time_difference(s.column) and not s.unit and TIME not in there:

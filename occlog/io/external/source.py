@@ -108,7 +108,10 @@ class _Table:
         return _Table(self._data, index + self._number("<I", index)) if index else None
 
     def structs(self, field: int, form: str) -> list[tuple[int, ...]]:
-        """Entries of a vector of structs."""
+        """Entries of a vector of structs; empty if missing, ValueError if it is longer than the header.
+
+        `field` is its number, `form` the layout of one entry (`struct`).
+        """
         index = self._offset_of(field)
         if not index:
             return []
@@ -388,7 +391,7 @@ def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatch
 
 
 def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch]:
-    """Generate batches of some columns, with at most `ROWS` rows."""
+    """Generate batches of the columns `names`, with at most `ROWS` rows; `kind` is `Parquet` or `Arrow`."""
     if kind == "Parquet":
         with open_parquet(path) as file:
             found = (_validated(batch) for batch in batches(file, ROWS, names))
@@ -427,7 +430,7 @@ def _check_messages(path: Path) -> None:
 
 @contextmanager
 def _translated(path: Path, kind: str) -> Iterator[None]:
-    """Context manager that converts every failure of the library to InputError."""
+    """Context manager that converts every failure of the library to InputError; `kind` is `Parquet` or `Arrow`."""
     try:
         yield
     except InputError:

@@ -186,7 +186,13 @@ def scene_of_earth(degrees: Floats, heights: Floats, origin: Origin) -> Floats:
 
 
 def _earth_centred(phi: Floats, away: Floats, heights: Floats) -> Floats:
-    """(N, 3) earth-centred coordinates [m] of latitudes and longitudes [rad]; x in the meridian of longitude 0."""
+    """(N, 3) earth-centred coordinates [m] of positions on the earth; x in the meridian of longitude 0.
+
+    Args:
+        phi: (N,) latitudes [rad].
+        away: (N,) longitudes [rad].
+        heights: (N,) above the ellipsoid [m].
+    """
     radius = A / np.sqrt(1.0 - E2 * np.sin(phi) ** 2)
     across = (radius + heights) * np.cos(phi)
     along = (radius * (1.0 - E2) + heights) * np.sin(phi)

@@ -32,7 +32,10 @@ _KINDS = {
 
 
 def check_regular(path: Path, mode: int, what: str) -> None:
-    """InputError unless the mode is of a regular file: a pipe blocks, and can be read only once."""
+    """InputError unless `mode` (of `stat`) is that of a regular file: a pipe blocks, and can be read only once.
+
+    `what` describes what was expected.
+    """
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "no file")
         raise InputError(
@@ -233,7 +236,7 @@ def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
 
 
 def check_text(value: str, where: Path | str) -> None:
-    """InputError for a text with a lone surrogate, which cannot be encoded."""
+    """InputError for a text with a lone surrogate, which cannot be encoded; `where` is its position for messages."""
     try:
         value.encode()
     except UnicodeEncodeError as error:
@@ -263,7 +266,10 @@ def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
 
 
 def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None:
-    """InputError for a file of `size` bytes that declares more content than such a file can hold."""
+    """InputError for a file of `size` bytes that declares more content than such a file can hold.
+
+    `rows` is the declared number of rows, `unpacked` that of decompressed bytes.
+    """
     if fault := exceeded_limit(size, rows, unpacked):
         raise InputError(
             f"{path}: promises {fault} in a file of {size} bytes; measurements do not pack so densely",

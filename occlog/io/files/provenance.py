@@ -54,7 +54,7 @@ CODE_PATHS = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NPY_
 
 
 def processor_type() -> str:
-    """Processor type as named by the kernel compiler, and environment variables that select code for another type.
+    """Processor type as LLVM (Numba) names it, and all set environment variables that select code for another type.
 
     Libraries have code for each type with another order of summation, so that the last digits of results differ.
     """

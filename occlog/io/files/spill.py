@@ -77,7 +77,7 @@ class Blocks:
         self._open, self._rows = [], 0
 
     def put(self, number: int, rows: Records) -> None:
-        """Write or replace a block; all blocks but the last have the same length."""
+        """Write or replace block `number` by a copy of `rows`; all blocks but the last have the same length."""
         if self._file is None:
             self._kept[number] = rows.copy()
             if sum(each.nbytes for each in self._kept.values()) <= self._in_memory:

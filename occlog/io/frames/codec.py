@@ -81,7 +81,7 @@ def _blocks(data: bytes) -> int:
 
 
 def _colours(data: bytes, at: int) -> int:
-    """Size [bytes] of the colour table declared by a GIF flag byte."""
+    """Size [bytes] of the colour table declared by the GIF flag byte at position `at`; 0: there is none."""
     (flags,) = struct.unpack_from("B", data, at)
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
@@ -113,7 +113,15 @@ def _pages(data: bytes) -> int:
 
 
 def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> bool:
-    """Whether a page's entries mark it as a thumbnail or mask of another page."""
+    """Whether a page's entries mark it as a thumbnail or mask of another page.
+
+    Args:
+        data: TIFF file.
+        order: byte order, `<` or `>`.
+        begin: first byte of the entries.
+        count: their number.
+        entry: bytes of one.
+    """
     for at in range(begin, begin + count * entry, entry):
         (tag,) = struct.unpack_from(order + "H", data, at)
         if tag == _KIND_OF_PAGE:
@@ -154,7 +162,10 @@ def stated_white(data: bytes) -> int | None:
 
 
 def is_scaled(data: bytes, most: int) -> bool:
-    """Whether OpenCV scales the declared maximum to 255: in text up to 255, and for full 8 or 16 bits."""
+    """Whether OpenCV scales the declared maximum `most` to 255: in text up to 255, and for full 8 or 16 bits.
+
+    `data` is the file (PNM).
+    """
     return most in (FULL, FULL_16) or (most < FULL and data[1:2] in (b"2", b"3"))
 
 
@@ -279,7 +290,7 @@ def _png_damage(data: bytes) -> str | None:
 
 
 def check_image(data: bytes, where: str) -> None:
-    """InputError for images too large, or damaged by their markers and check sums."""
+    """InputError for images too large, or damaged by their markers and check sums; `where` names the image."""
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large")
@@ -291,7 +302,7 @@ def check_image(data: bytes, where: str) -> None:
 def decode_image(data: bytes, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images.
 
-    For the decoding process, which parses untrusted bytes instead of the command.
+    For the decoding process, which parses untrusted bytes instead of the command. `where` names the image in messages.
     """
     check_image(data, where)
     most = stated_white(data)
@@ -314,7 +325,10 @@ def decode_image(data: bytes, where: str) -> Image:
 
 
 def _check_depth(data: bytes, where: str) -> None:
-    """InputError for 16-bit images that use low bits only, since only the upper 8 bits are decoded."""
+    """InputError for 16-bit images that use low bits only, since only the upper 8 bits are decoded.
+
+    `where` names the image.
+    """
     if not _is_deep(data):
         return
     deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
@@ -366,7 +380,10 @@ def dark_bars(image: Image) -> tuple[int, int, int, int]:
 
 
 def encode_image(image: Image, kind: str, quality: int) -> bytes:
-    """Encode an image as PNG (lossless) or JPEG; the result is the same on every machine."""
+    """Encode an image as PNG (lossless) or JPEG; the result is the same on every machine.
+
+    `kind` is png or jpeg, `quality` that of JPEG, 0 to 100.
+    """
     if kind == "png":
         # A third faster than the default, and smaller on photographs.
         ok, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED])
@@ -403,7 +420,10 @@ def size_changes(path: Path) -> Changes:
 
 
 def size_at(changes: Changes, pos_ns: float) -> Size | None:
-    """Frame size at a time; None if unknown."""
+    """Frame size at a time [ns] in a video; None if it is unknown.
+
+    `changes` are times and the sizes from then on, in order.
+    """
     k = bisect_right([at for at, _ in changes], pos_ns + 1e3) - 1
     return changes[k][1] if k >= 0 else None
 

@@ -71,12 +71,12 @@ class FrameLedger:
         return index >= len(broken) or not broken[index]
 
     def note(self, index: int, complaint: str) -> None:
-        """Record a decoder message about a picture that was delivered nevertheless."""
+        """Record a decoder message about picture `index`, which was delivered nevertheless; empty: there was none."""
         if complaint:
             self._complaints.append((index, complaint))
 
     def refuse(self, index: int, why: str) -> None:
-        """Record a picture that is not used, with the reason."""
+        """Record that picture `index` is not used, with the reason."""
         self._refused.setdefault(why, []).append(index)
         self._see(index)
 
@@ -172,7 +172,10 @@ class FrameLedger:
 
 
 def _stretches(source: str, frames: Ints, what: str) -> Iterable[Loss]:
-    """Losses of frames, one for each run of consecutive numbers."""
+    """Losses of the rising frame numbers `frames`, one for each run of consecutive numbers.
+
+    Of more than `MAX_STRETCHES` runs the rest is one loss; `what` is the reason.
+    """
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []
     for run in runs[:MAX_STRETCHES]:
         location = f"frame {run[0]}" if len(run) == 1 else f"frames {run[0]}-{run[-1]}"
@@ -328,7 +331,7 @@ def _describe(
 
 
 def _remedied(path: Path, what: str) -> str:
-    """Reason why the decoder failed to convert a video, with a command that converts it."""
+    """Reason why the decoder failed to convert a video, with a command that converts it; `what` is FFmpeg's message."""
     interlaced = "interlaced" in what.lower()
     made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
     deinterlace = "-vf bwdif=send_frame " if interlaced else ""
@@ -357,7 +360,7 @@ def _aspect(capture: cv2.VideoCapture) -> Facts:
 
 
 def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
-    """First frame's time stamp minus the decoder's time of it [s]; NaN if unknown."""
+    """Time stamp of the first frame, minus the decoder's time of it [s]; NaN if unknown."""
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
     return capture.get(stamp) / rate - first.pos_ns / NS if stamp is not None and rate > 0 else math.nan
 
@@ -444,7 +447,14 @@ def _raw_pictures(
     complaint: Callable[[], str],
     mirror: Callable[[Image], Image] | None = None,
 ) -> Iterator[_Raw]:
-    """Generate every picture that the decoder delivers, mirrored if required; failed reads are skipped."""
+    """Generate every picture that the decoder delivers, mirrored if required; failed reads are skipped.
+
+    Args:
+        frames: number of frames by the container; None: unknown.
+        capture: the decoder.
+        complaint: returns what FFmpeg has reported since the last call.
+        mirror: applied to each picture; None: nothing is.
+    """
     ordinal = misses = missed = 0
     while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
         good = capture.grab()
@@ -471,7 +481,8 @@ def _retrieve(
 ) -> tuple[Image | None, str]:
     """Retrieve the last decoded picture (None on failure), and the reason of a failed conversion.
 
-    If FFmpeg refuses the conversion, OpenCV returns an unfilled buffer; the failure is detected by FFmpeg's message.
+    If FFmpeg refuses the conversion, OpenCV returns an unfilled buffer; the failure is detected by FFmpeg's message,
+    which `complaint` returns. `target` is an array that may be filled.
     """
     try:
         ok, image = capture.retrieve(target)
@@ -554,6 +565,9 @@ def _place(container: Container | None, raw: _Raw) -> int:
 
 
 def _tolerance(pts: Ints, k: int) -> float:
-    """Tolerance for matching a time stamp: half the distance to the nearer neighbour, at most 5 ms."""
+    """Tolerance [ns] for matching a time stamp with frame k: half the distance to the nearer neighbour, at most 5 ms.
+
+    `pts` (n,) are the rising times of all frames [ns].
+    """
     gaps = np.diff(pts[max(k - 1, 0) : k + 2])
     return min(float(gaps.min()) / 2 if len(gaps) else 5e6, 5e6)

@@ -36,7 +36,10 @@ STAMPS = "container time stamps"
 
 
 def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
-    """Times of frames from a time stamp file (see `occlog.io.files.timing.times`)."""
+    """Times of frames from a time stamp file called `name` (see `occlog.io.files.timing.times`).
+
+    `table_ns` (n,) are its times [ns], counted from `start_ns`.
+    """
     return FrameTimes(f"sidecar {name}", start_ns, table_ns)
 
 

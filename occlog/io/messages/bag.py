@@ -250,7 +250,10 @@ def _in_order(files: list[BagFile]) -> list[BagFile]:
 
 
 def _add(bag: Bag, path: Path) -> None:
-    """Open one file; if one of several cannot be opened, it is a loss."""
+    """Open one file and add it to the bag; InputError if it cannot be opened.
+
+    If it is one of several, that is a loss instead.
+    """
     try:
         check_input(path, WHAT)
         kind = _kind(path)
@@ -329,7 +332,7 @@ def _packed_or_not(path: Path) -> Path:
 
 
 def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
-    """Files of a folder that its metadata do not list."""
+    """Losses for the files of the folder `path` that its metadata do not list; `listed` are those that they list."""
     if not path.is_dir():
         return []
     known = {_bare(file) for file in listed}
@@ -393,7 +396,10 @@ class BagDecoder:
         self._decoders: dict[str, Decode] = {}
 
     def read(self, topic: str, data: bytes) -> Any:
-        """Decode a message by its type (`read_message`); InputError for invalid bytes."""
+        """Decode a message of a topic by its type (`read_message`); InputError for invalid bytes.
+
+        Of transforms a list is returned.
+        """
         if topic not in self._decoders:
             self._decoders[topic] = decoder(self._topics[topic])
         kind = self._topics[topic].kind

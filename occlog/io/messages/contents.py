@@ -59,6 +59,11 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
     """Intrinsics from a calibration message; None if it states that the camera is not calibrated.
 
     InputError, with the remedy, for lens models and regions of the sensor that cannot be used.
+
+    Args:
+        info: calibration message.
+        rectified: images are rectified, so that the projection matrix counts, and no distortion.
+        where: topic, for messages.
     """
     matrix = info.p[:, :3] if rectified else info.k
     if not matrix[0, 0]:
@@ -159,7 +164,7 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 
 
 def pixels(message: ImageMessage, where: str) -> Image:
-    """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
+    """(h, w, 3) BGR or (h, w) grey image of a message; InputError as `stored`. `where` names the message."""
     if message.size is None and is_video(message.encoding):
         raise InputError(
             f"{where}: a single picture of a video stream, which needs the earlier ones", id="unsupported-format"
@@ -347,6 +352,12 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
     """True positions of one message in the world; targets are numbered from `first`.
 
     Positions on the earth are in the world of the origin that the user states, and not in a frame of the bag.
+
+    Args:
+        message: with positions.
+        t_ns: its time [ns].
+        first: number of the first target.
+        placed: world pose of the message's frame.
     """
     if message.on_earth:
         return _truth_on_earth(message, t_ns, first)
@@ -361,7 +372,10 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
 
 
 def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
-    """Geodetic true positions of one message, in the scene; heights are used if the origin states its own."""
+    """Geodetic true positions of one message at `t_ns` [ns], in the scene; targets are numbered from `first`.
+
+    Heights are used if the origin states its own; InputError if they are missing then.
+    """
     degrees, heights = message.positions[:, :2], message.positions[:, 2]
     known = has_heights()
     if known and not np.isfinite(heights).all():
@@ -441,7 +455,10 @@ class MessageBoxRows:
 
 
 def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray) -> Doa:
-    """Directions of one message in the world; empty slots (id 0, or no direction) are skipped."""
+    """Directions of one message in the world, at `t_ns` [ns]; empty slots (id 0, or no direction) are skipped.
+
+    InputError for a vector that is not of unit length.
+    """
     heard = [s for s in message.sources if s.id != 0 and any(s.vector)]
     vectors: Floats = np.array([s.vector for s in heard], dtype=np.float64).reshape(-1, 3)
     with np.errstate(over="ignore"):  # infinite values are refused

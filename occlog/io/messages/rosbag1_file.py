@@ -223,7 +223,15 @@ class Rosbag1File:
         topics: Collection[str] | None,
         growth: DecompressionCount,
     ) -> Iterator[tuple[int, int, bytes]]:
-        """Generate the messages of a chunk, up to its damage."""
+        """Generate the messages of a chunk, up to its damage: connection, time [ns] and data.
+
+        Args:
+            file: open bag.
+            at: first byte of the chunk.
+            record: its header.
+            topics: those that are read; None: all.
+            growth: counts decompressed bytes.
+        """
         if record.length > MAX_CHUNK_BYTES:
             self._lose(f"byte {at}", f"a chunk of {record.length} bytes (limit {MAX_CHUNK_BYTES}) was skipped")
             return
@@ -267,7 +275,10 @@ class Rosbag1File:
         return number, _time(record.fields[b"time"]), data
 
     def _connect(self, record: _Record, data: bytes) -> None:
-        """Add a connection (a topic of one publisher); InputError if its type contradicts an earlier one."""
+        """Add a connection (a topic of one publisher); InputError if its type contradicts an earlier one.
+
+        `data` has the fields of the connection.
+        """
         if record.kind != CONNECTION:
             raise ValueError(f"a record of kind {record.kind} in place of a connection")
         number, name = record.number(b"conn"), record.fields[b"topic"].decode("utf-8", "replace")
@@ -298,7 +309,7 @@ def _data(file: IO[bytes], record: _Record) -> bytes:
 
 
 def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
-    """Parse the `name=value` fields of a record header."""
+    """Parse the `name=value` fields of a record header of a length [bytes]; ValueError if it is damaged."""
     if len(data) < length:
         raise ValueError("a header ends early")
     out, at = dict[bytes, bytes](), 0

@@ -33,7 +33,7 @@ class SqliteFile:
     """A .db3 file; `losses` is extended while it is read."""
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the topics; InputError if the file is not a ROS 2 bag."""
+        """Read the topics; InputError if the file is not a ROS 2 bag. `name` is that of the file in messages."""
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         try:

@@ -233,7 +233,7 @@ class StreamReader:
 
 
 def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
-    """Width and height stated in a message; None if absent; InputError for a damaged one."""
+    """Width and height stated in a message of a video stream; None if absent; InputError for a damaged one."""
     reader = StreamReader(encoding)
     reader.read(data)
     return reader.size
@@ -284,7 +284,7 @@ class StreamFile:
     """Matroska file with the pictures of one stream; the time stamp of each is its number."""
 
     def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
-        """Begin the file."""
+        """Begin a Matroska file at `path` for a stream with an encoding and a size (width, height)."""
         self.path, self.count = path, 0
         self.keys: list[int] = []
         self._file = path.open("wb")
@@ -304,7 +304,7 @@ class StreamFile:
         self._file.write(head + SEGMENT.to_bytes(4, "big") + unknown + info + _element(TRACKS, _element(ENTRY, entry)))
 
     def add(self, data: bytes, *, key: bool) -> None:
-        """Write the next picture."""
+        """Write the next picture, with a time of its number; `key`: it is a key frame."""
         if key:
             self.keys.append(self.count)
         block = _element(SIMPLE_BLOCK, BLOCK_HEAD + (b"\x80" if key else b"\0") + data)

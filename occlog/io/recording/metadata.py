@@ -79,7 +79,7 @@ def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
 
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
-    """Create the error for a damaged record."""
+    """Return the InputError for the damaged metadata record `name` at byte `at`."""
     return damaged_mcap(path, f"the metadata {name!r} at byte {at} changed since they were written (wrong digest)")
 
 

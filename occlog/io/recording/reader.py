@@ -64,7 +64,10 @@ class LinkedVideo:
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
-    """Open the linked video of a camera; InputError if missing or changed."""
+    """Open the linked video of a camera (`sensor`); InputError if missing or changed.
+
+    `link` has path and SHA-256 of the video; None: the recording has none.
+    """
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
         raise InputError(f"{where}: has frame times but no link to its video; ingest it again", id="wrong-content")
@@ -238,7 +241,7 @@ def _is_image(topic: McapChannel) -> bool:
 
 
 def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
-    """InputError if the recording time [ns] of a message is out of range."""
+    """InputError if the recording time `t_ns` [ns] of message `number` of a topic is out of range."""
     try:
         bounded_ns(t_ns)
     except ValueError as error:
@@ -248,7 +251,10 @@ def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
 
 
 def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
-    """Parse a foxglove.CompressedImage: sensor time [ns] (0 if not given) and compressed bytes."""
+    """Parse a foxglove.CompressedImage: sensor time [ns] (0 if not given) and compressed bytes.
+
+    `encoding` is json or protobuf; InputError for other data.
+    """
     try:
         if encoding == "json":
             message = msgspec.json.decode(data, type=_JsonImage)

@@ -179,7 +179,10 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
 
 
 def _check_beside(held: T | None, chunk: T) -> T:
-    """Check for duplicate rows of one time across chunks; return the rows of the last time for the next call."""
+    """Check for duplicate rows of one time across chunks; return the rows of the last time for the next call.
+
+    `held` are those that the call for the chunk before returned; None: there was none.
+    """
     times: Ints = chunk.t_ns  # type: ignore[attr-defined]
     last = chunk.take(slice(int(np.searchsorted(times, times[-1])), None))
     if held is None or held.t_ns[0] != times[0]:  # type: ignore[attr-defined]

@@ -83,7 +83,7 @@ class CompactReader:
             yield number, head & 15
 
     def integer(self, kind: int, expected: int = I64) -> int:
-        """An integer; MalformedError where the field has another type."""
+        """Read an integer in a field of type `kind`; MalformedError where another type is `expected`."""
         if kind != expected:
             raise MalformedError("a field of another type where a number is expected")
         return self._zigzag()
@@ -103,7 +103,7 @@ class CompactReader:
         return self.data[self.at - size : self.at].decode(errors="replace")
 
     def skip(self, kind: int, depth: int = 0, *, in_list: bool = False) -> None:
-        """Skip a value."""
+        """Skip a value of type `kind`, at a depth of nesting; in lists booleans take a byte."""
         if depth > MAX_DEPTH:
             raise MalformedError("values nested too deeply")
         if kind in (I16, I32, I64):
@@ -336,7 +336,10 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
             raise pa.ArrowInvalid(f"{stated} rows are stated, and {rows} can be read")
 
     def _check(self, number: int, columns: Collection[str] | None) -> None:
-        """InputError if row groups so far decompress to more than a file of this size can hold."""
+        """InputError if row groups so far decompress to more than a file of this size can hold.
+
+        `number` is that of the row group which is read next, `columns` those that are read; None: all.
+        """
         wanted = None if columns is None else frozenset(columns)
         if (wanted, number) in self._checked:
             return

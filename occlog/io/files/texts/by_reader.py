@@ -61,7 +61,10 @@ _NAMED: ContextVar[NamedReader | None] = ContextVar("NAMED_READER", default=None
 
 @contextmanager
 def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
-    """Context manager that selects a reader for files opened within."""
+    """Context manager that reads files with the suffixes of a reader plug-in, and standard input, by this reader.
+
+    Yields the `NamedReader`, which records whether it was used. Other files are read as usual.
+    """
     named = NamedReader(chosen)
     token = _NAMED.set(named)
     try:
@@ -105,7 +108,9 @@ def table_of(path: Path) -> str:
 
 
 def text_of(path: Path, what: str) -> str | None:
-    """Convert a file to text with a header line; None if no reader reads it.
+    """Convert a file to text with a header line, by a reader plug-in; None if no reader reads it.
+
+    `what` describes what was expected.
 
     Raises:
         InputError: the reader states that the file is damaged.
@@ -122,14 +127,14 @@ def text_of(path: Path, what: str) -> str | None:
 
 @lru_cache(maxsize=4)
 def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
-    """Cached text of a file in a state (size and time of modification)."""
+    """Cached text of a file in a state (time of modification [ns] and size), by a reader with settings `values`."""
     columns = columns_of(Chosen(plugin, dict(values)), path)
     with plugin_errors(plugin):
         return as_text(columns)
 
 
 def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
-    """Columns that a reader finds in a file; errors as in `text_of`."""
+    """Columns, by name, that a reader plug-in finds in a file; errors as in `text_of`."""
     reader: Reader = chosen.make(UNIT)
     label = f"{path}: "
     with plugin_errors(chosen.plugin):

@@ -23,7 +23,7 @@ class FrameChoice:
         return self.common if camera is None else self.own.get(camera, self.common)
 
     def takes(self, camera: str, number: int) -> bool:
-        """Whether a frame is selected."""
+        """Whether frame `number` of a camera is selected."""
         chosen = self.of(camera)
         return chosen is None or chosen[0] <= number < chosen[1]
 

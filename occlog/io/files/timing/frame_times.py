@@ -113,7 +113,10 @@ class FrameTimes:
 
 
 def to_world_time(t_ns: Ints, clock: Clock, start_ns: int) -> Ints:
-    """World time from sensor time: t - offset - drift (t - start); `start_ns` is the sensor's first time."""
+    """(n,) world times [ns] of sensor times t (n,): t - offset - drift (t - start).
+
+    `start_ns` is the sensor's first time.
+    """
     drift = np.round((t_ns - start_ns) * (clock.drift_ppm * 1e-6)).astype(np.int64)
     return np.asarray(t_ns - clock.offset_ns - drift, dtype=np.int64)
 

@@ -68,7 +68,7 @@ def is_kitti(head: Sequence[str]) -> bool:
 
 
 def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one camera.
+    """Open the boxes of one camera in KITTI's text.
 
     Raises:
         InputError: the camera is not named.
@@ -113,7 +113,7 @@ def is_vatic(head: Sequence[str]) -> bool:
 
 
 def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one view.
+    """Open the boxes of one view in VATIC text.
 
     Raises:
         InputError: the camera is not named.
@@ -182,7 +182,10 @@ def is_annotations(probe: Probe) -> bool:
 
 
 def open_annotations(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of the views of known cameras (all if none is known), with the identities of the people."""
+    """Open the boxes in WILDTRACK's annotations, with the identities of the people.
+
+    Of the views of known cameras; of all if none is known.
+    """
     known = wanted.known
     files = frame_files(path)
     listed = np.array(list(files), dtype=np.int64)
@@ -334,7 +337,10 @@ def _is_label(numbers: Sequence[str]) -> bool:
 
 
 def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of a folder; it names its cameras unless the camera is stated."""
+    """Open the boxes of a folder of YOLO text; it names its cameras unless `wanted` states the camera.
+
+    InputError if no camera is named, or one is stated for a folder of several.
+    """
     camera = wanted.camera
     folders = camera_folders(path)
     if camera is None and None in folders:

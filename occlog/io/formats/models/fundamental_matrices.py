@@ -83,7 +83,7 @@ def attached_epipolar(recording: McapRecording) -> ViewPairs | None:
 
 
 def write_epipolar(path: Path, pairs: ViewPairs, provenance: Provenance, *, overwrite: bool = False) -> None:
-    """Write a JSON file atomically."""
+    """Write fundamental matrices as a JSON file, atomically."""
     write_json(path, _values(pairs, provenance), overwrite=overwrite)
 
 

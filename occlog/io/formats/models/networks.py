@@ -110,7 +110,7 @@ def read_network(path: Path) -> NetworkSpec:
 
 
 def _check_ways(path: Path, spec: NetworkSpec, nodes: set[str]) -> None:
-    """InputError for a node that is not reachable from the server."""
+    """InputError for a node of `nodes` that is not reachable from the server by links."""
     reached, grown = {spec.server}, True
     while grown:
         more = {b for a, b in spec.links if a in reached} | {a for a, b in spec.links if b in reached}

@@ -101,7 +101,10 @@ def read_onnx(path: Path) -> OnnxFile:
 
 
 def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
-    """External weight files of a model; InputError for one outside its folder."""
+    """External weight files of a model; InputError for one outside its folder, or for too many bytes.
+
+    `locations` are relative to the folder.
+    """
     folder = path.resolve().parent
     found = []
     for location in dict.fromkeys(locations):
@@ -158,7 +161,7 @@ class _OnnxWalk:
                         self._node(node, depth=0)
 
     def _graph(self, data: memoryview, depth: int, whole: bool = False) -> None:
-        """Parse a GraphProto; inputs and outputs are collected for the main graph (`whole`)."""
+        """Parse a GraphProto at a depth of nesting; inputs and outputs are collected for the main graph (`whole`)."""
         if depth > DEEPEST:
             raise _DamageError(f"graphs in graphs, {DEEPEST} deep")
         for number, value in self._messages(data):
@@ -174,7 +177,7 @@ class _OnnxWalk:
                 self.outputs.append(self._port(value))
 
     def _node(self, data: memoryview, depth: int) -> None:
-        """Parse a NodeProto; its attributes may hold tensors and graphs."""
+        """Parse a NodeProto at a depth of nesting; its attributes may hold tensors and graphs."""
         for number, attribute in self._messages(data):
             if number != 5:
                 continue

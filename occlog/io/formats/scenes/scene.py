@@ -362,7 +362,7 @@ def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
 
 
 def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
-    """World-from-camera rotation, and whether the camera has a pose."""
+    """World-from-camera rotation (3, 3), and whether the camera has a pose; InputError if only a part is stated."""
     angles = [_angle(getattr(spec, k), getattr(spec, f"{k}_deg"), k, where) for k in ("yaw", "pitch", "roll")]
     if spec.rotation is not None:
         if any(a is not None for a in angles):

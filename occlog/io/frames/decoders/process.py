@@ -114,7 +114,7 @@ class Decoder:
         self._write(b"%d %d\n" % (start, size))
 
     def image_of(self, data: bytes, where: str) -> Image:
-        """Decode compressed image bytes (decoder of `messages`).
+        """Decode compressed image bytes (decoder of `messages`); `where` names the image.
 
         Raises:
             InputError: it cannot be decoded; if the process has ended, because of it.
@@ -164,7 +164,7 @@ class Decoder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the process."""
+        """End the process of the decoder."""
         self.close()
 
     def close(self) -> None:

@@ -108,7 +108,10 @@ def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None
 
 
 def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | None:
-    """Index of a recording before the footer at byte `at`; None if damaged or without footer."""
+    """First byte and bytes of the index of a recording before the footer at byte `at`.
+
+    None if it is damaged, or there is no footer. `begin` is the first byte of the recording.
+    """
     file.seek(max(at, 0))
     footer = file.read(FOOTER_BYTES + len(RECORDING_MAGIC))
     if not (footer.startswith(_FOOTER_HEAD) and footer[FOOTER_BYTES:] == RECORDING_MAGIC):
@@ -136,7 +139,7 @@ def are_records(data: bytes) -> bool:
 
 
 def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int | None:
-    """Position of the first mark from a byte on; None if there is none."""
+    """Position of the first match of `marks` in the bytes from `at` up to `size`; None if there is none."""
     block = 1 << 20
     while at < size:
         file.seek(at)
@@ -194,6 +197,12 @@ class SalvagedRecording:
 
         Numbers increase within a topic, so that duplicates indicate a part of the file that was written twice; they are
         counted. If all numbers are 0 (none), messages of one time are duplicates if their bytes are equal.
+
+        Args:
+            topic: of the message.
+            number: its sequence number.
+            t_ns: its time [ns].
+            data: its bytes.
         """
         runs = self._runs.setdefault(topic, [])
         latest = self._latest.get(topic, -1)

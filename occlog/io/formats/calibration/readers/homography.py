@@ -45,7 +45,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per file, named after the file without `_H` and the like."""
+    """Read one camera per file with a homography, named after the file without `_H` and the like."""
     return tuple(_camera(path, options) for path in paths)
 
 

@@ -44,7 +44,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras not marked `ignore`, named by `name` or by their table."""
+    """Read the cameras of TOML files that are not marked `ignore`, named by `name` or by their table."""
     cameras = []
     for path in paths:
         root = toml_values(read_text(path), path, WHAT)

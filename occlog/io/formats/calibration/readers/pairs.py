@@ -61,7 +61,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per pair of files."""
+    """Read one camera per pair of files, intrinsic and extrinsic; InputError for a file without its partner."""
     lenses: dict[str, Path] = {}
     extrinsics: dict[str, Path] = {}
     for path in paths:

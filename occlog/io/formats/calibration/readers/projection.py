@@ -33,7 +33,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per file, named after the file without `_P` and the like."""
+    """Read one camera per file with a projection matrix, named after the file without `_P` and the like."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -73,10 +73,20 @@ def camera_of_parts(
     where: str,
     lens: Lens = STRAIGHT,
 ) -> Camera:
-    """Create a camera from intrinsic matrix, camera-from-world rotation and centre in the unit of `options`.
+    """Create a camera from intrinsic matrix, rotation and centre.
 
     A scene has no skew: InputError where it moves a point at the upper or lower edge of the image by more than
     `MAX_SKEW_PX`.
+
+    Args:
+        k: (3, 3) intrinsic matrix.
+        rotation: (3, 3) camera-from-world.
+        centre: (3,) in the unit of `options`.
+        image_size: width and height [px]; None: that of the options.
+        options: unit and image size.
+        name: of the camera.
+        where: file, for messages.
+        lens: distortion.
     """
     check_camera_matrix(k, (image_size or options.image_size or (0, 1080))[1], where)
     pose = Pose(
