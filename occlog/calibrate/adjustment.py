@@ -159,7 +159,7 @@ class Adjusted(NamedTuple):
 
 
 def changed(camera: Camera, values: Floats) -> Camera:
-    """A camera with its pose, focal length and distortion changed by parameters (12,).
+    """Return a camera with its pose, focal length and distortion changed by parameters `values` (12,).
 
     Clock and biases are not included.
     """
@@ -279,13 +279,13 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each box relative to its knot [s]."""
+        """(N,) true time of each box relative to its knot [s], with the parameters `values`."""
         seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
 
     def _equations(self, values: Floats, states: Floats) -> _Equations:
-        """Residuals, cost and derivatives at the given parameters and states."""
+        """Residuals, cost and derivatives at the parameters `values` and the states (K, 6) of the paths."""
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
         changes = values[:-COMMON].reshape(C, PARAMETERS)
@@ -338,7 +338,10 @@ class Adjustment:
         return out
 
     def _paths(self, equations: _Equations, inflate: Floats) -> tuple[Floats, Floats, Floats]:
-        """Normal equations of the paths: blocks (K, 6, 6) on and below the diagonal, and right side (K, 6)."""
+        """Normal equations of the paths: blocks (K, 6, 6) on and below the diagonal, and right side (K, 6).
+
+        `inflate` (4,): factors of the variances of the edges.
+        """
         seen, body, states = self.seen, self.body, equations.states
         K, first = len(seen.time), seen.first[:-1]
         Js = equations.slope * (equations.weight / inflate)[:, :, None]
@@ -375,7 +378,8 @@ class Adjustment:
     def _reduced(self, equations: _Equations, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
         """Normal equations of the cameras after elimination of the paths (Schur complement).
 
-        `inflate` (4,): factors of the variances of the edges.
+        `damping` is relative to the diagonal of the paths' blocks; `inflate` (4,): factors of the variances of the
+        edges.
         """
         seen, C, body = self.seen, len(self.cameras), self.body
         K, M = len(seen.time), len(self.values)
@@ -505,7 +509,7 @@ class Adjustment:
         return out
 
     def _inverse(self, matrix: Floats) -> Floats:
-        """Pseudo-inverse of the free parameters' block; 0 for fixed parameters."""
+        """Pseudo-inverse of the block of a matrix (M, M) with the free parameters; 0 for fixed parameters."""
         free = np.flatnonzero(self.free)
         out, part = np.zeros_like(matrix), matrix[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
@@ -576,12 +580,12 @@ class _Motion(NamedTuple):
         return np.asarray(states[self.inner + 1] - np.einsum("lij,lj->li", self.transition, states[self.inner]))
 
     def squares(self, states: Floats) -> Floats:
-        """(L,) squared Mahalanobis lengths of the L changes of position and velocity."""
+        """(L,) squared Mahalanobis lengths of the L changes of position and velocity in `states` (K, 6)."""
         off = self._off(states)[:, :4]
         return np.asarray(np.einsum("li,lij,lj->l", off, self.precision[:, :4, :4], off))
 
     def cost(self, states: Floats) -> float:
-        """Negative log prior of all transitions: half the squared Mahalanobis length."""
+        """Negative log prior of all transitions between `states` (K, 6): half the squared Mahalanobis length."""
         off = self._off(states)
         return float(0.5 * np.einsum("li,lij,lj->", off, self.precision, off))
 

@@ -277,7 +277,10 @@ def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: C
 
 
 def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
-    """(T,) time grid [s] on which paths are compared."""
+    """(T,) time grid [s] on which paths are compared; InputError if no person is tracked.
+
+    `boxes` are, for each camera, times and boxes of its image tracks.
+    """
     every = [t for own in boxes for t, _ in own if len(t) > 1]
     if not every:
         raise InputError(

@@ -83,7 +83,7 @@ def kernel_density(
 
 
 def _stretched(off: Floats, covariance: Floats) -> Floats:
-    """(n, K) deviations from the mean, scaled to a covariance; unchanged if that is impossible."""
+    """(n, K) deviations `off` (n, K), centred and scaled to a covariance (n, n); centred only if that is impossible."""
     off = off - off.mean(axis=1)[:, None]
     own = off @ off.T / off.shape[1]
     try:

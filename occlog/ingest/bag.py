@@ -341,7 +341,7 @@ class GatheredVideo:
         self.times.append(t_ns)
 
     def fail(self, reason: str) -> None:
-        """Note an unreadable message: pictures up to the next key frame depend on it."""
+        """Note an unreadable message, with the reason: pictures up to the next key frame depend on it."""
         self._whole, self.reason = False, self.reason or reason
 
     def end(self) -> int:
@@ -369,7 +369,7 @@ def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSou
 
 
 def _of_messages(loss: Loss, topic: str, numbers: Sequence[int]) -> Loss:
-    """Replace picture numbers in a loss of the decoder by message numbers."""
+    """Replace picture numbers in a loss of the decoder by message numbers; `numbers` has that of each picture."""
     return replace(
         loss,
         source=topic,

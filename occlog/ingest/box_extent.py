@@ -52,7 +52,7 @@ class BoxExtents:
     """Histogram of the farthest right and lower box edges, by pixel."""
 
     def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Begin with the widths and heights [px] of the images of the cameras."""
+        """Start without boxes; `sizes` are width and height [px] of the images of the cameras."""
         self._sizes = sizes
         self._counts: dict[tuple[str, int], Ints] = {}
         self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
@@ -114,7 +114,10 @@ class BoxExtents:
         yield finding(EXTENTS, "boxes-end-inside", found=found, stated=own, factor=factor, hint=remedy)
 
     def _beyond(self, sized: Sequence[tuple[str, int]]) -> Iterator[Check]:
-        """Report cameras with many boxes that extend beyond the stated image."""
+        """Report cameras with many boxes that extend beyond the stated image.
+
+        `sized` are pairs of a camera and an axis, 0: columns, 1: rows.
+        """
         shares: dict[str, float] = {}
         for name, axis in sized:
             count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)

@@ -195,13 +195,16 @@ def beyond_lens(table: Boxes, scene: Scene) -> Bools:
 
 
 def lens_losses(counts: Mapping[str, int], total: int) -> list[Loss]:
-    """Losses, by camera, of boxes outside the valid field of the lens, out of `total` boxes."""
+    """Losses of boxes outside the valid field of the lens, out of `total` boxes; `counts` are theirs by camera."""
     what = f"more than {MAX_FISHEYE_DEG:.0f} degrees off the axis of a fisheye lens"
     return [Loss(name, "boxes", what, count, total) for name, count in sorted(counts.items())]
 
 
 def without(table: B, gone: Bools) -> B:
-    """Remove boxes from a table; a frame without any other box keeps a row without detection."""
+    """Return a table without the boxes of the mask `gone` (N,).
+
+    A frame without any other box keeps a row without detection.
+    """
     kept = table.take(~gone)
     pairs = set(zip(kept.sensor.tolist(), kept.frame.tolist(), strict=True))
     alone: list[int] = []

@@ -35,10 +35,10 @@ RATE = "10"
 def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
     """Replace a WILDTRACK folder in the options by the equivalent options for its parts.
 
-    Options given in addition have priority; with boxes, the images of the folder are skipped.
+    Options given in addition have priority; with boxes, the images of the folder are skipped. `values` are unchanged.
 
     Raises:
-        UsageError: the folder has no images, and there are no boxes.
+        UsageError: there are two such folders, or one without images, and there are no boxes.
     """
     found = [path for path in values["bags"] if is_wildtrack(path)]
     if not found:
@@ -142,7 +142,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
 
 
 def _free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or the first unused one of `name-2`, `name-3`, ..."""
+    """Return the name, or the first of `name-2`, `name-3`, ... that is not taken."""
     return next(each for each in (name, *(f"{name}-{n}" for n in range(2, len(taken) + 3))) if each not in taken)
 
 
@@ -519,7 +519,10 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
 
 
 def frames_of(values: Iterable[str]) -> FrameChoice:
-    """Parse frame ranges `A:B` and `NAME=A:B`, or two numbers; UsageError for anything else or a repeated camera."""
+    """Parse frame ranges `A:B` and `NAME=A:B`, or two numbers.
+
+    UsageError for anything else or a repeated camera.
+    """
     common, own = None, {}
     texts = tuple(values)
     if len(texts) == 2 and all(text.isdecimal() for text in texts):  # a list in YAML
@@ -558,7 +561,10 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
 
 
 def for_sensor(pairs: Iterable[tuple[str | None, T]], name: str) -> T | None:
-    """Value for a sensor: its own, or the one without a name; the last one has priority; None without either."""
+    """Value, of pairs of name and value, for a sensor: its own, or the one without a name.
+
+    The last one has priority; None without either.
+    """
     own = [value for key, value in pairs if key == name]
     common = [value for key, value in pairs if key is None]
     return own[-1] if own else (common[-1] if common else None)

@@ -120,9 +120,13 @@ much less it has to be with another meaning of the extrinsics, where nothing els
 
 
 def _distance_from_axes(places: Floats, axes: Floats) -> float:
-    """Mean distance of optical axes (n, 3) at positions (n, 3) from the point nearest to all, over their extent.
+    """Mean distance of optical axes from the point nearest to all, over the extent of the cameras' positions.
 
     Infinite if that point is not in front of all cameras, or the extent is 0.
+
+    Args:
+        places: (n, 3) positions.
+        axes: (n, 3) unit vectors.
     """
     point, along = meeting_point(places, axes)
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))

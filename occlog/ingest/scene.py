@@ -43,7 +43,7 @@ class Turn(NamedTuple):
     ground: float  # height of the ground after the rotation
 
     def positions(self, xyz: Floats) -> Floats:
-        """(N, 3) positions in the levelled world."""
+        """Return positions `xyz` (N, 3) of the calibration's world in the levelled world."""
         return np.asarray(xyz @ self.rotation.T - [0.0, 0.0, self.ground])
 
     def camera(self, camera: Camera) -> Camera:
@@ -238,7 +238,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
 
 
 def _has_bars(bars: Bars, margin: np.ndarray) -> bool:
-    """Whether the black bars are as wide as the margins (x, y) on both sides."""
+    """Whether the black bars (left, top, right, bottom) are as wide as the margins (x, y) on both sides."""
     wanted = np.array([margin[0], margin[1], margin[0], margin[1]])
     there = wanted >= MIN_BAR_PX
     return bool((np.abs(np.array(bars) - wanted)[there] <= BAR_SLACK_PX).all())

@@ -212,7 +212,7 @@ class Copies:
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:
-    """(n,) mask of marks (row hashes) that occur for the first time."""
+    """(n,) mask of marks (row hashes) that occur for the first time, neither earlier in `marks` nor in `before`."""
     out = np.zeros(len(marks), dtype=np.bool_)
     out[np.unique(marks, return_index=True)[1]] = True
     for known in before:

@@ -57,7 +57,7 @@ class RowTimes(TimeSpanNs):
     count: int = 0
 
     def add_rows(self, t_ns: Ints) -> None:
-        """Add increasing times; the first may equal the last one added before."""
+        """Count rising times `t_ns` (n,) [ns]; the first may equal the last one of the call before, and counts once."""
         self.count += len(t_ns) - int(t_ns[0] == self.last)
         self.take(int(t_ns[0]), int(t_ns[-1]))
 
@@ -138,7 +138,10 @@ class NumberedFrames(TimeSpanNs):
         return self.before, self.before + self.longest * self.numbers
 
     def goes_on(self, gap: tuple[float, float]) -> bool:
-        """Whether these frames reach beyond both ends of an interval [ns], and are there during most of it."""
+        """Whether these frames reach beyond both ends of an interval [ns], and are there during most of it.
+
+        `gap` is its begin and end.
+        """
         common = min(gap[1], self.gap[1]) - max(gap[0], self.gap[0])
         return self.first < gap[1] and self.last > gap[0] and common < 0.5 * (gap[1] - gap[0])
 
@@ -200,7 +203,7 @@ class Times:
                 self.boxes.add_boxes(table)
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks with their findings."""
+        """Checks of the times of all sensors and of the truth, with their findings."""
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
         rated = any(each.count >= FEWEST for each in (*self.frames.values(), *(self.rows[n] for n in self.rates)))
         rated = rated or self.true_rate_hz > MAX_TRUE_RATE_HZ
@@ -293,13 +296,16 @@ class TimedWriter(RecordingWriter):
         super().video_frame(sensor, t_ns, index)
 
     def table(self, table: ColumnTable) -> None:
-        """Add rows."""
+        """Add the rows of a table, and their times to the statistics."""
         self.times.table(table)
         super().table(table)
 
 
 def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:
-    """Report sensors with times far from those of all others, or apart from them by a known clock difference."""
+    """Report sensors with times far from those of all others, or apart from them by a known clock difference.
+
+    Far is more than `least` [ns], and than the duration of the others.
+    """
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]
         far = min((max(each.first - own.last, own.first - each.last) for each in others), default=0)

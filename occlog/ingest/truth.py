@@ -109,7 +109,7 @@ def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable
 def span_of(frames: Mapping[str, range], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
     """First and last frame time [ns] over all cameras, extended by half a frame at both ends.
 
-    None if no camera has frames.
+    None if no camera has frames. `frames` and `times` are those of each camera.
     """
     ends: list[tuple[int, int]] = []
     for name, own in frames.items():

@@ -112,9 +112,10 @@ class Opened:
         return cast("type[T]", table_with(table.NAME, [c["name"] for c in describe(self.path)["columns"]]))
 
     def rows(self, table: type[T], *, remedy: str = REMEDY, at_once: int | None = None) -> Iterator[T]:
-        """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none.
+        """Stream the rows of a table in chunks, in the order of time.
 
-        Chunks of a Parquet table have at most `at_once` rows; None: as in its row groups.
+        InputError, with the remedy, where the input holds none. Chunks of a Parquet table have at most `at_once` rows;
+        None: as in its row groups.
         """
         self.require(table, remedy=remedy)
         if self.foreign is not None:

@@ -257,7 +257,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
 
 
 def _times() -> set[str]:
-    """Names of time columns."""
+    """Accepted names of time columns."""
     from occlog.io.files.timing.times import TIME_COLUMNS
 
     return {name for names in TIME_COLUMNS.values() for name in names}
@@ -305,7 +305,7 @@ def _of_trajectories(probe: Probe) -> Iterator[FileContent]:
 
 
 def _is_mot(cells: list[str]) -> bool:
-    """Whether a line consists of numbers, the first one whole (MOTChallenge)."""
+    """Whether the cells of a line are numbers, the first one whole (MOTChallenge)."""
     return _numbers(cells) and float(cells[0]) == int(float(cells[0])) >= 0
 
 

@@ -22,7 +22,7 @@ MAX_NS = 2**62 - 1
 
 
 def bounded_ns(t_ns: int) -> int:
-    """Check a time [ns] from a file; ValueError beyond +-`MAX_NS` from the epoch."""
+    """Return a time [ns] from a file; ValueError beyond +-`MAX_NS` from the epoch."""
     if not -MAX_NS <= t_ns <= MAX_NS:
         far = f"{t_ns} ns" if abs(t_ns) < 10**24 else f"ns in {len(str(abs(t_ns)))} digits"
         raise ValueError(f"its time of {far} is out of range: 2116 is the last year")
@@ -51,7 +51,10 @@ def largest(unit: str) -> float:
 
 
 def in_length_unit(unit: str, length_unit: str) -> str:
-    """Unit of a column in another length unit: `cm^2/s` for `m^2/s` and `cm`."""
+    """Unit of a column with another length unit than m: `cm^2/s` for `m^2/s` and `cm`.
+
+    Unchanged if it has no length.
+    """
     return unit.replace("m", length_unit) if unit in LENGTHS else unit
 
 
@@ -138,7 +141,7 @@ class ColumnTable:
 
     @classmethod
     def concat(cls, parts: Iterable[Self]) -> Self:
-        """Concatenate parts in order."""
+        """Concatenate the rows of several tables in order."""
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
@@ -265,7 +268,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
 
 
 def check_order(table: ColumnTable) -> None:
-    """InputError if t_ns decreases."""
+    """InputError, with the row, if t_ns decreases in a table."""
     t_ns: Ints = getattr(table, "t_ns")  # noqa: B009
     back = np.flatnonzero(t_ns[1:] < t_ns[:-1])  # a difference could overflow
     if len(back):
@@ -354,7 +357,7 @@ def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic
 
 
 def rows_by_label(labels: NDArray[np.signedinteger]) -> list[tuple[int, Ints]]:
-    """Sorted distinct integers, each with its sorted rows."""
+    """Sorted distinct integers of `labels` (n,), each with the sorted indices of its rows."""
     order = np.argsort(labels, kind="stable")
     names, first = np.unique(labels[order], return_index=True)
     pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing

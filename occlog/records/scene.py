@@ -190,7 +190,7 @@ class Camera:
         return cam.rays_to_azimuth(self.rays(pixels))
 
     def u_px(self, bearings: Floats) -> Floats:
-        """(N,) horizontal offsets in the levelled image, to the right, of azimuths."""
+        """(N,) horizontal offsets [px] in the levelled image, to the right, of azimuths `bearings` (N,) [rad]."""
         return cam.azimuth_to_u(bearings, self.yaw, float(self.focal_px[0]))
 
 
@@ -276,7 +276,7 @@ class Scene:
 
     @property
     def sensors(self) -> tuple[Camera | MicrophoneArray | TagReader, ...]:
-        """Cameras, then arrays, then readers."""
+        """All sensors: cameras, then arrays, then readers."""
         return (*self.cameras, *self.arrays, *self.readers)
 
     def camera(self, name: str) -> Camera:

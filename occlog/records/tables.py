@@ -167,7 +167,7 @@ FIRST, LAST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 
 
 def times(table: ColumnTable) -> Ints:
-    """The column t_ns."""
+    """(n,) times [ns] of the rows of a table, its column t_ns."""
     out: Ints = getattr(table, "t_ns")  # noqa: B009
     return out
 

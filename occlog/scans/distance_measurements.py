@@ -55,7 +55,7 @@ class RangeDifferenceCheck:
     """Counts range differences longer than the distance of their stations, over a stream."""
 
     def __init__(self) -> None:
-        """Start without data."""
+        """Start without range differences."""
         self._all = self._beyond = 0
         self._first = ""
 
@@ -155,7 +155,7 @@ MIN_INTERVAL_SHARE = 1e-3
 
 
 class SignalErrors(NamedTuple):
-    """Noise and shadowing of signal strengths."""
+    """White noise and correlated shadowing of signal strengths."""
 
     noise_db: float = NOISE_DB  # standard deviation of the white noise
     shadow_db: float = SHADOW_DB  # of the shadowing
@@ -220,7 +220,7 @@ WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference",
 
 
 class Radio(NamedTuple):
-    """A fitted path loss model."""
+    """A fitted path loss model of signal strengths."""
 
     power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
     exponent: float
@@ -383,7 +383,7 @@ class DistanceMeasurementFeed:
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
 
     def passed(self, until_ns: int) -> list[tuple[int, ScanMeasurements]]:
-        """Times [ns] and measurements up to a time, since the last call."""
+        """Times [ns] and measurements up to `until_ns`, since the last call."""
         n = sum(t_ns <= until_ns for t_ns, _ in self._passed)
         out, self._passed = self._passed[:n], self._passed[n:]
         return out

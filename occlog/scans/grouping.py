@@ -118,7 +118,7 @@ def concat(scans: Sequence[Scan]) -> Scan:
 
 
 def empty_scan(t_ns: int, sensors: Sequence[int]) -> Scan:
-    """A scan of sensors (sorted) without any detection: an unlabelled row for each."""
+    """Return a scan at `t_ns` [ns] of sensors (sorted indices) without any detection: an unlabelled row for each."""
     return Scan.of(t_ns, sensors, seen=np.zeros(len(sensors), dtype=np.bool_))
 
 

@@ -152,7 +152,10 @@ class LabelContinuity:
         yield from self._passed(last=True)
 
     def _passed(self, *, last: bool) -> Iterator[Bearings]:
-        """Process the buffered rows, and return those that are decided."""
+        """Process the buffered rows, and generate those that are decided.
+
+        `last`: no more rows come, so that all are decided.
+        """
         held = self._held
         if not len(held):
             return
@@ -221,7 +224,7 @@ class LabelContinuity:
         return int(rows.t_ns[-1]) + 1 if math.isinf(open_s) else self._time(open_s)
 
     def _time(self, seconds: float) -> int:
-        """The time of a row [ns]."""
+        """Time [ns] of a row at `seconds` after the first one."""
         assert self._origin_ns is not None
         return self._origin_ns + round(seconds * NS)
 
@@ -274,7 +277,7 @@ def _empty(labels: int, sensors: int) -> ContinuityState:
 
 
 def _grown(state: ContinuityState, labels: int) -> ContinuityState:
-    """Add filters for further labels."""
+    """Return the state with filters for further labels, `labels` in all."""
     K, out = len(state.known), _empty(labels, len(state.identity))
     for name, values in zip(ContinuityState._fields, state, strict=True):
         new: Floats = getattr(out, name)

@@ -43,7 +43,7 @@ class OccluderFeed:
         """How often the latest priors were too old to be used."""
 
     def at(self, t_ns: int) -> Priors | None:
-        """Latest priors at or before a time; None if there are none, or if they are too old.
+        """Latest priors at or before `t_ns` [ns]; None if there are none, or if they are too old.
 
         InputError if times of priors decrease, or a polygon has no area.
         """
@@ -63,7 +63,7 @@ class OccluderFeed:
 
 
 def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[int, Occluders | Hulls]]:
-    """Rows grouped by time, sorted."""
+    """Generate the rows of each time, in order; InputError if times go back."""
     rest: Occluders | Hulls | None = None
     for chunk in chunks:
         if not len(chunk):
@@ -106,7 +106,7 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
 
 
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
-    """Priors at the true positions, with covariance 0: the case RMSE_occ = 0 of [Ercan].
+    """Generate priors at the true positions, with covariance 0: the case RMSE_occ = 0 of [Ercan].
 
     A time without moving occluders has a row without occluder.
     """
@@ -121,7 +121,7 @@ def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
 
 
 def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
-    """Rechunk rows so that no time is split."""
+    """Generate the rows in other chunks, so that no time is split."""
     rest = Truth.empty()
     for chunk in chunks:
         table = Truth.concat([rest, chunk])

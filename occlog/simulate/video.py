@@ -149,7 +149,7 @@ def _frames_in_all(setup: Setup) -> int:
 
 
 def _compressed(frames: Iterable[Rendered], workers: int) -> Iterator[tuple[Rendered, bytes]]:
-    """Yield frames with their PNG bytes in order, compressing in background threads."""
+    """Generate frames with their PNG bytes in order, compressing in a number of background threads (`workers`)."""
     waiting: deque[tuple[Rendered, Future[bytes]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for frame in frames:

@@ -109,7 +109,7 @@ class BoardDetector:
     """Detects a board in images with subpixel accuracy."""
 
     def __init__(self, board: Board) -> None:
-        """Prepare OpenCV's detector."""
+        """Prepare OpenCV's detector of a board's corners."""
         self.board = board
         if board.dictionary:
             markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{board.dictionary}"))
@@ -159,7 +159,10 @@ def _moved(a: BoardView, b: BoardView) -> float:
 
 
 def _spread(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
-    """Select at most `MAX_VIEWS` views by farthest-point sampling: each differs most from those selected before."""
+    """Select at most `MAX_VIEWS` views by farthest-point sampling: each differs most from those selected before.
+
+    `size` is width and height of the images [px].
+    """
     if len(views) <= MAX_VIEWS:
         return list(views)
     # Position, extent and perspective of the board

@@ -86,7 +86,7 @@ def with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> S
 
 
 def array_figures(each: ArrayResult) -> dict[str, object]:
-    """Figures of one microphone array."""
+    """Figures of one microphone array for the summary, by name."""
     if each.reason:
         return {"estimated": False, "directions": each.directions, "of_people": round(each.share, 2)}
     return {
@@ -122,7 +122,7 @@ def array_checks(arrays: Sequence[ArrayResult], scene: Scene, *, placed: bool) -
 
 
 def array_comment(arrays: Sequence[ArrayResult], unit: str) -> str:
-    """Comments of a scene with the standard deviations of arrays."""
+    """Comment lines, for a scene file, with the standard deviations of arrays; lengths are in `unit`."""
     lines = []
     for each in arrays:
         if not each.reason:

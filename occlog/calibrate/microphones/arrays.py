@@ -99,7 +99,7 @@ class Directions(NamedTuple):
     sigma_elevation: Floats
 
     def take(self, rows: Ints) -> Directions:
-        """Some of the directions."""
+        """Select directions by indices."""
         return Directions(*(each[rows] for each in self))
 
 
@@ -199,7 +199,7 @@ def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, prob
 
 
 class _Fit(NamedTuple):
-    """A maximum of the likelihood."""
+    """A maximum of the likelihood of a microphone array's pose."""
 
     values: Floats
     gain: float  # logarithm of the likelihood over that of directions of no person
@@ -239,7 +239,7 @@ class _Problem:
 
     @property
     def raised(self) -> bool:
-        """Whether elevations determine the height."""
+        """Whether there are enough elevations to determine the height of the array."""
         return bool(np.count_nonzero(np.isfinite(self.heard.elevation)) >= MIN_DIRECTIONS)
 
     def part(self) -> _Problem:
@@ -252,7 +252,10 @@ class _Problem:
         return np.asarray(np.isfinite(self.positions(0.0)[0]).any(axis=0))
 
     def positions(self, late_s: float) -> tuple[Complexes, Complexes]:
-        """(P, K) positions and velocities of people at the times of the directions; NaN: not there."""
+        """(P, K) complex positions and velocities of P people at the times of K directions; NaN: not there.
+
+        `late_s` is by how much the clock of the array is late [s].
+        """
         at = (self.heard.t_s - late_s - self.start_s) / STEP_S
         k = np.clip(np.floor(at).astype(np.int64), 0, self.xy.shape[1] - 2)
         share = at - k

@@ -141,7 +141,7 @@ def align_pair(
 
 
 def _shifted(paths: Complexes, late: int) -> Complexes:
-    """Paths of a clock that is late by some steps, at the times of the other clock: those of later times."""
+    """Paths (n, T) of a clock that is `late` by some steps, at the times of the other clock: those of later times."""
     out = np.full_like(paths, np.nan)
     if late >= 0:
         out[:, : paths.shape[1] - late] = paths[:, late:]
@@ -189,7 +189,14 @@ def _by_time(paths: Complexes) -> Complexes:
 
 
 def _support(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> tuple[float, float]:
-    """Number of agreeing positions beyond chance for a pose of b in a, and their share of the possible number."""
+    """Number of agreeing positions beyond chance for a pose of b in a, and their share of the possible number.
+
+    Args:
+        a: (A, T) complex positions of paths; NaN: absent.
+        b: (B, T) likewise, in the frame of the other camera.
+        pose: of b in the frame of a.
+        person_height: in scene units, by which the distance of agreeing positions is limited.
+    """
     moved = pose.position + np.exp(1j * pose.yaw) * _shifted(b, round(pose.late))
     filled = np.flatnonzero(np.isfinite(a).any(axis=0) & np.isfinite(moved).any(axis=0))
     if len(filled) < 2:
@@ -205,7 +212,10 @@ def _support(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 
 
 def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
-    """(A, B, T) mask of mutual nearest neighbours within a distance limit."""
+    """(A, B, T) mask of mutual nearest neighbours of positions a (A, T) and b (B, T), within a distance limit.
+
+    Positions are complex; NaN: absent.
+    """
     if not (len(a) and len(b)):
         return np.zeros((len(a), len(b), a.shape[1]), dtype=np.bool_)
     gap = a[:, None] - b[None]

@@ -352,6 +352,13 @@ def _choose(groups: list[Ints], cost: Floats) -> list[int]:
     """Select groups without common directions: the set that uses most directions, among these the cheapest.
 
     Every group is tried as the first; the others are added greedily, larger ones first.
+
+    Args:
+        groups: indices of the directions of each of n groups.
+        cost: (n,) of the groups.
+
+    Returns:
+        Indices of the groups.
     """
     order = sorted((g for g in range(len(groups)) if len(groups[g])), key=lambda g: (-len(groups[g]), cost[g], g))
     sets = [frozenset(r.tolist()) for r in groups]

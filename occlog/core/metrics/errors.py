@@ -293,7 +293,7 @@ SIGN = np.uint64(1 << 63)
 
 
 def _rising(values: Floats) -> np.ndarray:
-    """Map floats to integers of the same order (for radix selection)."""
+    """Map floats (n,) to unsigned integers (n,) of the same order (for radix selection)."""
     bits = (np.ascontiguousarray(values) + 0.0).view(np.uint64)
     return np.where(bits & SIGN, ~bits, bits | SIGN)
 

@@ -97,7 +97,8 @@ def chance_below(means: Floats, margin: float) -> float:
 def interval(means: Floats, level: float) -> tuple[float, float]:
     """Confidence interval (low, high): the margins that the test rejects on neither side, at half of 1 - `level` each.
 
-    Unbounded where there are so few parts that no margin is rejected.
+    Unbounded where there are so few parts that no margin is rejected. `means` (n,) are the sorted means of resampled
+    differences.
     """
     # Rejected are margins with fewer than k means at or below them
     k = int(np.floor(0.5 * (1.0 - level) * (len(means) + 1) + ROUNDING))

@@ -56,7 +56,7 @@ def _cached(function: F, compiled: Any) -> F:
 
 
 def _of_any_value(template: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile calls by other kernels with a constant argument as with a variable.
+    """Compile calls by other kernels with a constant argument as with a variable: a wrapper of a kernel's template.
 
     Numba would compile the kernel, and all that it calls, once more for each constant among its arguments.
     """

@@ -225,7 +225,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     _impl_class = _Files
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        """Choose the folder.
+        """Choose the folder for the compiled kernel of a function.
 
         Raises:
             NoCacheError: none can be written, as in a container that is read-only.

@@ -358,9 +358,9 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid
 
 @array_kernel
 def terms(half: float, tolerance: float) -> int:
-    """Number of polynomials for an interval of +- half standard deviations of the narrowest prior.
+    """Number of Chebyshev polynomials for an interval of +- half standard deviations of the narrowest prior.
 
-    The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!).
+    The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!); those below `tolerance` are left out.
     """
     n, size = 0, 2.0
     while size > tolerance and n <= MAX_DEGREE:

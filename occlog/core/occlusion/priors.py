@@ -84,7 +84,7 @@ def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
 
 
 def no_priors() -> Priors:
-    """Empty set of priors."""
+    """Empty set of priors: there is no moving occluder."""
     return gaussian_priors(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 

@@ -78,7 +78,10 @@ class ScoreAndInformation(NamedTuple):
 
 
 def without_detours(bend: Floats) -> DistanceErrors:
-    """Errors of measurements (m,) that are Gaussian or false, without detours."""
+    """Errors of m measurements that are Gaussian or false, without detours.
+
+    `bend` (m,) are the residuals, in standard deviations, at which a measurement is as likely false as true.
+    """
     none = np.zeros(len(bend))
     return DistanceErrors(bend, none, none, np.ones(len(bend)))
 
@@ -147,7 +150,7 @@ def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple
 
 
 def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
-    """Log of sqrt(2 pi) E(u), with the given variance of the Gaussian."""
+    """Log of sqrt(2 pi) E(u), the density of a Gaussian of a variance plus an exponential of a rate."""
     root = np.sqrt(variance)
     return np.asarray(
         LOG_ROOT_2PI + np.log(rate) + 0.5 * rate**2 * variance - rate * u + log_ndtr(u / root - rate * root)
@@ -155,7 +158,10 @@ def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
 
 
 def _tail_pull(u: Floats, rate: Floats) -> tuple[Floats, Floats]:
-    """First and second derivative of -log E by u: l - h and h (h + t), with t = u - l and h = N(t) / Phi(t)."""
+    """First and second derivative of -log E by u: l - h and h (h + t), with t = u - l and h = N(t) / Phi(t).
+
+    l is `rate`; u and rate are (..., m).
+    """
     t = u - rate
     h = np.exp(-0.5 * t**2 - LOG_ROOT_2PI - log_ndtr(t))
     return rate - h, np.clip(h * (h + t), 0.0, 1.0)
@@ -186,7 +192,7 @@ class RangeMeasurements(NamedTuple):
     )
 
     def take(self, rows: Bools | Ints | slice) -> RangeMeasurements:
-        """Select measurements by a mask or indices."""
+        """Select measurements by a mask or indices; the error parameters stay."""
         own = (self.kind, self.value, self.sigma, self.position, self.rise2, self.other, self.other_rise2, self.station)
         return RangeMeasurements._make((*(column[rows] for column in own), *self[COLUMNS:]))
 

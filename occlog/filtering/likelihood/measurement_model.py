@@ -27,7 +27,7 @@ class MeasurementWorld(NamedTuple):
 
 
 class LinearisedRows(NamedTuple):
-    """R measurements, prepared for linearisation."""
+    """R measurements of a scan (readings and bearings) in columns, prepared for linearisation."""
 
     sensor: Ints  # (R,)
     pixel: Bools  # (R,) true: z [px], false: a bearing [rad]
@@ -116,7 +116,7 @@ class Linearisation(NamedTuple):
     R: Floats  # (R,) variances
 
     def take(self, which: Bools | Ints) -> Linearisation:
-        """Select rows by a mask or indices."""
+        """Select measurements by a mask or indices; the position stays."""
         own = self.residual[which], self.ahead[which], self.H[which], self.R[which]
         return Linearisation(self.at, *own)
 

@@ -63,7 +63,7 @@ MIN_STEP_VARIANCE = 1e-18
 
 
 class WaypointParticles(NamedTuple):
-    """States of L particles."""
+    """States of L particles of the waypoint model."""
 
     xy: Floats  # (L, 2) positions
     destination: Floats  # (L, 2)

@@ -232,5 +232,5 @@ def select(walkers: Walkers, rows: object) -> Walkers:
 
 
 def concat(first: Walkers, second: Walkers) -> Walkers:
-    """Concatenate objects."""
+    """Concatenate two sets of objects."""
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))

@@ -43,7 +43,7 @@ class GeodeticColumns(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns used."""
+        """Names of the file's columns that positions are computed from."""
         return [name for name in self[:3] if name]
 
     def replaced(self, names: Sequence[str]) -> tuple[str, ...]:
@@ -52,13 +52,13 @@ class GeodeticColumns(NamedTuple):
         return tuple(ours.get(name, name) if name else name for name in names)
 
     def read(self, names: Sequence[str]) -> list[str]:
-        """File columns needed to compute some table columns."""
+        """Columns of the file that are needed for the table columns `names`."""
         own = [name for name in names if name not in POSITION]
         return [*own, *(name for name in self.names if name not in own)] if len(own) < len(names) else own
 
 
 def geodetic_columns(names: Sequence[str]) -> GeodeticColumns | None:
-    """Geodetic columns of a table; None if missing, or if the table has positions in the scene.
+    """Geodetic columns of a table with the columns `names`; None if missing, or if it has positions in the scene.
 
     Heights are used only if the origin states its own height.
     """

@@ -189,7 +189,7 @@ class TableLayout(NamedTuple):
 
 
 def frame_column(names: Sequence[str]) -> str | None:
-    """Column of frame numbers in a file without times; None if missing, or if the file has times."""
+    """Column of frame numbers among the columns `names` of a file; None if missing, or if the file has times."""
     there = {plain_name(name): name for name in reversed(names)}
     if any(name in there for known in TIME_COLUMNS.values() for name in known):
         return None
@@ -197,7 +197,7 @@ def frame_column(names: Sequence[str]) -> str | None:
 
 
 def is_in_time(names: Sequence[str]) -> bool:
-    """Whether a file has a column of times or of frame numbers."""
+    """Whether a file with the columns `names` has times or frame numbers."""
     there = {plain_name(name) for name in names}
     return not there.isdisjoint({*BOXES["frame"], *(name for known in TIME_COLUMNS.values() for name in known)})
 

@@ -98,7 +98,7 @@ class _Table:
         return self._at + offset if offset else 0
 
     def number(self, field: int, form: str) -> int:
-        """Number in a field; 0 if missing."""
+        """Number in a field (by its index), of the layout `form` (`struct`); 0 if missing."""
         index = self._offset_of(field)
         return int(self._number(form, index)) if index else 0
 
@@ -233,7 +233,7 @@ class ColumnSource(NamedTuple):
         return total
 
     def cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """Generate the cells of some columns, in parts, in file order."""
+        """Generate the cells of the columns `names`, in parts, in file order."""
         if self.geodetic is None:
             yield from self._plain_cells(names)
             return
@@ -241,7 +241,7 @@ class ColumnSource(NamedTuple):
             yield GeodeticCells(self.path, cells, self.geodetic)
 
     def _plain_cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """Generate the cells of some columns as stored in the file."""
+        """Generate the cells of the columns `names` as stored in the file, in parts."""
         if self.trajectories is not None:
             yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
             return
@@ -306,7 +306,7 @@ def _values_of_folders(folder: Path, part: Path) -> dict[str, str]:
 
 
 def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.RecordBatch:
-    """Add constant columns to a batch, as integers if the value is one."""
+    """Return a batch with constant columns added (`values` by name), as integers if the value is one."""
     for name, text in values.items():
         value: int | str = int(text) if _WHOLE.fullmatch(text) else text
         batch = batch.append_column(name, pa.array([value] * batch.num_rows))

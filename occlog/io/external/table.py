@@ -96,7 +96,10 @@ class ForeignTable:
         return _lay_out(self.source, table)
 
     def convert_to(self, length_unit: str) -> None:
-        """Convert lengths to another unit, if the file states its own; InputError for a unit that is not a length."""
+        """Convert lengths to `length_unit` when rows are read, if the file states its own unit.
+
+        InputError for a unit that is not a length.
+        """
         own = self.layout.length_unit
         if own is None or own == length_unit:
             return
@@ -150,7 +153,7 @@ class ForeignTable:
             yield held
 
     def _check_held(self, parts: Iterable[Values]) -> None:
-        """InputError if rows held for sorting need more memory than allowed for a file of its size."""
+        """InputError if rows held for sorting (`parts`) need more memory than allowed for a file of its size."""
         size, held = self.source.size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
@@ -353,7 +356,7 @@ class _FrameCount:
     """Numbers the frames of each sensor by their times, in the order of time."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Start without frames: each sensor begins with frame 0."""
         self._known: dict[str, int] = {}
 
     def number(self, t_ns: Ints, sensor: Strings) -> Ints:

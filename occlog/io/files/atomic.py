@@ -99,7 +99,7 @@ class OutputGroup:
     """
 
     def __init__(self) -> None:
-        """Start without outputs."""
+        """Start a group without outputs."""
         self._waiting: list[_Complete] = []
 
     def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:
@@ -341,7 +341,10 @@ def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None
 
 
 def _locked(descriptor: int) -> bool:
-    """Lock a file unless another process has locked it; also true on file systems without locks."""
+    """Lock an open file (`descriptor`); False if another process has locked it.
+
+    True also on file systems without locks.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -39,7 +39,7 @@ class StatedUnits:
     used: set[str] = field(default_factory=set)
 
     def texts(self) -> tuple[str, ...]:
-        """All stated units as given."""
+        """All stated units, as the user gave them."""
         return (
             *(_text(file, f"{name}={unit}") for (file, name), unit in self.columns.items()),
             *(_text(file, unit) for (file, _), unit in self.kinds.items()),
@@ -94,7 +94,7 @@ class StatedUnits:
 
 
 def _text(file: str, unit: str) -> str:
-    """A stated unit in the syntax of the option."""
+    """A stated unit in the syntax of the option; `file` is the file for which it is stated, empty: all."""
     return f"{file}:{unit}" if file else unit
 
 

@@ -125,17 +125,17 @@ ODAS_BY_INGEST = (
 
 
 def is_skipped_zstd(head: bytes) -> bool:
-    """Whether data begin with a skippable zstd frame (metadata)."""
+    """Whether data that begin with `head` begin with a skippable zstd frame (metadata)."""
     return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
 
 
 def is_zstd(head: bytes) -> bool:
-    """Whether data begin with a zstd frame."""
+    """Whether data that begin with `head` begin with a zstd frame."""
     return head.startswith(ZSTD_MAGIC) or is_skipped_zstd(head)
 
 
 def is_odas(head: bytes) -> bool:
-    """Whether the first bytes are those of an ODAS stream."""
+    """Whether `head`, the first bytes of a file, are those of an ODAS stream."""
     return head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS)
 
 
@@ -259,7 +259,10 @@ def max_decompressed_bytes(size: int) -> int:
 
 
 def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
-    """Name of the limit that a file of `size` bytes exceeds: rows, or decompressed bytes of a group; empty if none."""
+    """Description of the limit that a file of `size` bytes exceeds: rows, or decompressed bytes of a group.
+
+    Empty if it exceeds none. `rows` and `unpacked` are what it declares.
+    """
     if rows > max(FREE_ROWS, MAX_ROWS_PER_BYTE * size):
         return f"{rows} rows"
     return f"{unpacked} bytes at once" if unpacked > max_decompressed_bytes(size) else ""

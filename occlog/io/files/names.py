@@ -101,7 +101,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def natural_sorted(names: Iterable[str]) -> list[str]:
-    """Names sorted in natural order (`natural_key`)."""
+    """Return names sorted in natural order (`natural_key`)."""
     return sorted(names, key=lambda name: (natural_key(name), name))
 
 

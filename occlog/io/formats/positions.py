@@ -101,7 +101,7 @@ class PositionOptions:
 
 
 class PositionLog(NamedTuple):
-    """Positions read from a file."""
+    """Positions read from a file, and what was skipped."""
 
     table: Positions
     sources: tuple[str, ...]
@@ -277,7 +277,7 @@ def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
 
 
 def _in_lengths(position: Floats, grid: PositionGrid | None) -> Floats:
-    """Convert (n, 2) cell indices to positions; without a grid they are positions already."""
+    """Convert cell indices (n, 2) of a grid to positions (n, 2); without a grid they are positions already."""
     return position if grid is None else np.array([grid.x, grid.y]) + grid.cell * position
 
 

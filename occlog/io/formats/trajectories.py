@@ -244,7 +244,7 @@ UNIT = 1e-3
 
 
 def looks_like_tum(head: Sequence[str]) -> bool:
-    """Whether a first line has eight numbers, of which the last four are a unit quaternion."""
+    """Whether the cells of a first line (`head`) are eight numbers, of which the last four are a unit quaternion."""
     if len(head) != COLUMNS:
         return False
     try:

@@ -388,7 +388,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
 
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
-    """Collect all positions sorted by time; InputError if a target has two positions at one time."""
+    """Collect the positions of all parts, sorted by time; InputError if a target has two positions at one time."""
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))

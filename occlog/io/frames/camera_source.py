@@ -120,7 +120,7 @@ def video_source(
         start: first frame.
         stop: frame after the last; None: to the end.
         store: png, jpeg, raw or none (times only).
-        quality: of JPEG, 0 to 100.
+        quality: of JPEG, 1 to 100.
         keys: as in `DecodingJob`.
     """
     job = DecodingJob(kind="video", path=str(path), start=start, stop=stop, store=store, quality=quality)
@@ -140,7 +140,7 @@ def image_source(
         start: first frame.
         stop: frame after the last; None: to the end.
         store: png, jpeg, raw, none (times only), or keep: PNG and JPEG files as they are.
-        quality: of JPEG, 0 to 100.
+        quality: of JPEG, 1 to 100.
     """
     files = [(i, str(file)) for i, file in folder.files if i >= start and (stop is None or i < stop)]
     if not files:

@@ -170,7 +170,7 @@ def is_scaled(data: bytes, most: int) -> bool:
 
 
 def scaled(image: np.ndarray, most: int) -> Image:
-    """Scale a decoded image so that the declared maximum becomes 255, rounding down as OpenCV does."""
+    """Scale a decoded image so that the declared maximum `most` becomes 255, rounding down as OpenCV does."""
     shades = (np.arange(most + 1) * FULL // most).astype(np.uint8)
     out = np.empty(image.shape, np.uint8)
     for row, values in zip(out, image, strict=True):  # all at once would take eight bytes for each value
@@ -211,7 +211,7 @@ def image_kind(data: bytes) -> str | None:
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height [px] of a PNG or JPEG image from its header; None if not stated."""
+    """Width and height [px] of a PNG or JPEG image by its header; None if not stated, or for others."""
     if image_kind(data) == "png" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)
@@ -267,7 +267,7 @@ def image_damage(data: bytes) -> str | None:
 
 
 def _scans(data: bytes) -> int:
-    """Number of scans of a JPEG image."""
+    """Number of scans of a progressive JPEG image, by their marks."""
     values = np.frombuffer(data, np.uint8)
     return int(np.count_nonzero((values[:-1] == 0xFF) & (values[1:] == 0xDA)))
 
@@ -342,7 +342,10 @@ def is_dark(most: int, full: int) -> bool:
 
 
 def dim_values(most: int, full: int) -> Facts:
-    """Description of a 16-bit image that uses the lowest 14 bits only; arguments as of `is_dark`."""
+    """Fact that a 16-bit image uses the lowest 14 bits only; empty if it does not.
+
+    Arguments as in `is_dark`.
+    """
     value = most * FULL_16 // full
     return [("values-dim", {"most": value})] if DARK_16 < value <= math.ceil(DIM_16 / 257) * 257 else []
 
@@ -442,7 +445,7 @@ def packet_size(data: bytes) -> Size | None:
 
 
 def _h264_size(data: bytes) -> Size | None:
-    """Size in the first sequence parameter set of an Annex B packet."""
+    """Size (width, height) in the first sequence parameter set of an Annex B packet; None without one."""
     at = data.find(START_CODE, 0, MAX_SEARCH)
     # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) resemble parameters
     if not b"\0" < data[at + 3 : at + 4] < b"\x80":
@@ -480,7 +483,7 @@ class _Bits:
         return (1 << zeros) - 1 + self.u(zeros)
 
     def se(self) -> int:
-        """Next signed Exp-Golomb code."""
+        """Read the next signed Exp-Golomb code."""
         k = self.ue()
         return (k + 1) // 2 if k & 1 else -k // 2
 

@@ -60,7 +60,7 @@ class FrameLedger:
         self._refused: dict[str, list[int]] = {}
 
     def accept(self, index: int) -> bool:
-        """Return whether a picture is used: numbered, in the range, later than the last one, and complete."""
+        """Return whether picture `index` is used: numbered, in the range, later than the last one, and complete."""
         if index < 0 or (self._start <= index <= self._last):
             self._unplaced += 1
             return False
@@ -85,7 +85,7 @@ class FrameLedger:
             self._seen[index] = True
 
     def fits(self, index: int, size: tuple[int, int]) -> bool:
-        """Check the size of a decoded picture; False (and recorded) if it differs from the others."""
+        """Check the size (width, height) of decoded picture `index`; False, which is recorded, for another size."""
         self.met += 1
         self._see(index)
         if size == self._size:
@@ -122,7 +122,7 @@ class FrameLedger:
         )
 
     def report(self, lost: Callable[[Loss], None]) -> None:
-        """Report all frames missing from the range, and possible damage."""
+        """Report all frames missing from the range, and possible damage, as losses to `lost`."""
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
         for why, frames in self._refused.items():
             losses += _stretches(self._path.name, np.array(frames, dtype=np.int64), why)
@@ -342,7 +342,7 @@ def _remedied(path: Path, what: str) -> str:
 
 
 def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:
-    """Rotation or reflection stated by the file; only multiples of 90 degrees are applied."""
+    """Facts about rotation or reflection stated by the file; only multiples of 90 degrees are applied."""
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
     if container is not None and container.mirror:
         applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"
@@ -533,10 +533,10 @@ def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterat
 
 
 def _lateness(container: Container | None, first: _Raw) -> int:
-    """Delay of the decoder of an AVI file, in packets between reading and delivery of a picture.
+    """Delay of the decoder of an AVI file, in packets between reading and delivery of a picture; 0 for others.
 
     With B-frames the first picture is delivered with a later packet. Undecodable pictures have the same effect, but are
-    reported by the decoder.
+    reported by the decoder. `first` is the first picture that is delivered.
     """
     if container is None or container.packets is None or first.complaint:
         return 0

@@ -123,7 +123,7 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def numbers_of(files: list[Path]) -> list[int]:
-    """Last number in each file name, strictly increasing; InputError if missing or repeated."""
+    """Last number in the name of each of the files, strictly increasing; InputError if missing or repeated."""
     from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not need
 
     numbers: list[int] = []
@@ -151,7 +151,7 @@ def numbers_of(files: list[Path]) -> list[int]:
 
 
 def are_times(files: list[Path]) -> bool:
-    """Whether the file names are times [ns since the Unix epoch] (18 or more digits)."""
+    """Whether the names of all files are times [ns since the Unix epoch] (18 or more digits)."""
     return all(file.stem.isdigit() and len(file.stem) >= NS_DIGITS for file in files)
 
 

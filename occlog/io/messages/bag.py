@@ -341,7 +341,7 @@ def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
 
 
 def _information(path: Path) -> dict[str, object]:
-    """Content of a metadata file."""
+    """Content of a bag's metadata file (YAML); InputError if it is not such a file."""
     documents = yaml_documents(read_configuration(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
     content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
@@ -482,7 +482,10 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
 
 
 def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
-    """Width and height of an image [px]; InputError if damaged, or for a video picture without a size."""
+    """Width and height of an image of a topic [px].
+
+    InputError if it is damaged, NoSizeError for a video picture without a size.
+    """
     if image.size is None and is_video(image.encoding):
         try:
             size = stream_size(image.data, image.encoding)

@@ -232,10 +232,10 @@ class FramePose(NamedTuple):
 
 
 class Transforms:
-    """Transform tree of a bag."""
+    """Tree of the transforms between the frames of a bag."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Start without transforms."""
         self.edges: dict[str, Edge] = {}
         self.faults: dict[str, str] = {}
 
@@ -288,7 +288,7 @@ class Transforms:
         raise AssertionError("no root in the chain of frames; `chain` ends at a frame without a parent")
 
     def placed(self, frame: str, world: str) -> FramePose:
-        """Pose of a frame in another one.
+        """Pose of a frame in the frame `world`.
 
         InputError where the frames are not connected, one of them moves in the other, or has two parents.
         """
@@ -311,7 +311,7 @@ class Transforms:
         return FramePose(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
 
     def _to(self, frame: str, above: str) -> FramePose:
-        """Pose of a frame in one of its ancestors."""
+        """Pose of a frame in `above`, one of its ancestors."""
         rotation, translation = np.eye(3), np.zeros(3)
         while frame != above:
             edge = self.edges[frame]
@@ -394,7 +394,13 @@ class MessageBoxRows:
     """Converts box messages of one camera to rows, and numbers its frames."""
 
     def __init__(self, camera: str, classes: Collection[str], scale: float) -> None:
-        """Select boxes of some classes, or of the only one that occurs; scores are divided by `scale`."""
+        """Start without frames of a camera.
+
+        Args:
+            camera: its name.
+            classes: boxes of these are selected; empty: of the only one that occurs.
+            scale: by which scores are divided.
+        """
         self.camera, self.classes, self.scale = camera, classes, scale
         self.frames = 0
         self.labels: Counter[str] = Counter()
@@ -402,7 +408,7 @@ class MessageBoxRows:
         self._owners: dict[int, str] = {}
 
     def rows(self, message: BoxMessage, t_ns: int) -> Boxes:
-        """Rows of one message (a frame); a frame without boxes is one row without detection.
+        """Rows of one message (a frame) at `t_ns` [ns]; a frame without boxes is one row without detection.
 
         InputError where there are several classes and none is chosen, and for boxes that cannot be.
         """

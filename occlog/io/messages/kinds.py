@@ -30,7 +30,7 @@ from .mcap_file import BagTopic
 
 
 class TopicKind(Enum):
-    """Kind of data of a topic."""
+    """What the messages of a topic hold."""
 
     IMAGE = "images"
     INFO = "calibration"
@@ -109,7 +109,7 @@ class BoxDetection(NamedTuple):
 
 
 class BoxMessage(NamedTuple):
-    """The boxes of one image."""
+    """Boxes of one image, from any message type."""
 
     header: MessageStamp
     boxes: tuple[BoxDetection, ...]
@@ -270,7 +270,7 @@ def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
 
 
 def _fix(message: Any) -> PoseMessage:
-    """Position of a satellite receiver; InputError without a fix."""
+    """Position of a satellite receiver, in a message `NavSatFix` or `LocationFix`; InputError without a fix."""
     status = int(getattr(getattr(message, "status", None), "status", 0))
     if status < 0:
         raise InputError(f"the receiver had no fix (status {status})")
@@ -557,7 +557,7 @@ def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
 
 
 def _checked(found: Any) -> Any:
-    """Validate types by name; ValueError for those with generated code that would be invalid or unbounded.
+    """Validate types by name, and return them; ValueError if generated code would be invalid or unbounded.
 
     Generated code contains names, constants, and a line per entry of a fixed-length array; and a message may declare
     any number of entries that take no bytes.

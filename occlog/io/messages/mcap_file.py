@@ -281,7 +281,7 @@ class McapFile:
         yield from self._in_order(found)
 
     def _in_order(self, found: list[tuple[int, int, bytes]]) -> list[tuple[int, int, bytes]]:
-        """Sort the messages of a chunk by time; unchanged if a clock was set back.
+        """Sort the messages of a chunk (channel, log time [ns], data) by time; unchanged if a clock was set back.
 
         Messages of a topic that are up to `OUT_OF_ORDER_NS` too early are counted in `reordered`.
         """
@@ -358,7 +358,7 @@ _REPEATED = 1
 
 
 def unpack_frames(data: bytes, most: int) -> bytes:
-    """Decompress all zstd frames; ZstdError if damaged or larger than `most` bytes."""
+    """Decompress all zstd frames of `data`; ZstdError if damaged or larger than `most` bytes."""
     parts, left = list[bytes](), most
     for frame in _frames(data):
         size = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know

@@ -61,7 +61,7 @@ class _Record(NamedTuple):
         return self.fields[b"op"][0]
 
     def number(self, name: bytes) -> int:
-        """Field with a 32-bit number."""
+        """Value of the field `name`, a 32-bit number."""
         return int(_LENGTH.unpack(self.fields[name])[0])
 
 
@@ -165,7 +165,7 @@ class Rosbag1File:
         self._counts = dict(counts)
 
     def _record(self, file: IO[bytes], at: int) -> _Record:
-        """Parse the record header at a byte."""
+        """Parse the record header at byte `at`; ValueError if it is invalid."""
         file.seek(at)
         (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
         if length > MAX_HEADER:
@@ -210,7 +210,7 @@ class Rosbag1File:
                 at = end
 
     def _is_wanted(self, at: int, topics: Collection[str] | None) -> bool:
-        """Whether a chunk may hold one of the topics, by the index."""
+        """Whether the chunk at byte `at` may hold one of the topics (None: all), by the index."""
         if topics is None or at not in self._chunks:
             return True
         return any(n not in self._topics or self._topics[n].name in topics for n in self._chunks[at])
@@ -262,7 +262,10 @@ class Rosbag1File:
         yield from found
 
     def _take(self, record: _Record, data: bytes, topics: Collection[str] | None) -> tuple[int, int, bytes] | None:
-        """Process a record: note a connection, or return a message of one of the topics; else None."""
+        """Process a record: note a connection, or return a message of one of the topics (None: all); else None.
+
+        A message is connection, time [ns] and data.
+        """
         if record.kind == CONNECTION:
             self._connect(record, data)
             return None
@@ -324,13 +327,13 @@ def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
 
 
 def _time(value: bytes) -> int:
-    """Time [ns] from seconds and nanoseconds."""
+    """Time [ns] from 8 bytes with seconds and nanoseconds."""
     seconds, rest = _TIME.unpack(value)
     return int(seconds) * NS + int(rest)
 
 
 def _unpacked(data: bytes, record: _Record) -> bytes:
-    """Decompress the records of a chunk, or those before a truncation; ValueError if larger than declared."""
+    """Decompress the records of a chunk (`data`), or those before a truncation; ValueError if larger than declared."""
     declared = MAX_CHUNK_BYTES if record.open else record.number(b"size")
     compression = record.fields[b"compression"]
     if declared > MAX_CHUNK_BYTES:

@@ -46,7 +46,7 @@ class SqliteFile:
         self._note_side_files()
 
     def topics(self) -> list[BagTopic]:
-        """The topics."""
+        """Topics of the bag file."""
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:

@@ -46,7 +46,7 @@ class TopicMap:
 
     @property
     def cameras(self) -> list[str]:
-        """Cameras with images or boxes."""
+        """Names of the cameras with images or boxes."""
         return list(dict.fromkeys([*self.images, *self.boxes]))
 
 
@@ -163,7 +163,10 @@ def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[
 
 
 def name_cameras(images: Sequence[str]) -> dict[str, str]:
-    """Camera names: the last meaningful part of each topic, with as many preceding parts as distinguish them."""
+    """Topic of each camera, by name, of the topics `images`.
+
+    The name is the last meaningful part of the topic, with as many preceding parts as distinguish them.
+    """
     parts = {topic: _telling(topic) for topic in images}
     for depth in range(1, 1 + max((len(p) for p in parts.values()), default=0)):
         names = {topic: "_".join(p[-depth:]) for topic, p in parts.items()}

@@ -52,7 +52,7 @@ _WITH_CHROMA = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
 
 
 def is_video(encoding: str) -> bool:
-    """Whether the format of a compressed image is a video stream."""
+    """Whether `encoding`, the format of a compressed image, is a video stream."""
     return encoding.lower() in CODECS
 
 
@@ -77,7 +77,7 @@ class StreamReader:
     """Parser of the headers of one stream's messages, in order."""
 
     def __init__(self, encoding: str) -> None:
-        """Start before the first message."""
+        """Start before the first message of a stream with an encoding."""
         self.encoding = encoding.lower()
         self.size: tuple[int, int] | None = None
         self._avc = CODECS[self.encoding] == AVC
@@ -88,7 +88,7 @@ class StreamReader:
         self._last: int | None = None  # frame_num or order of the last picture that others may be built on
 
     def read(self, data: bytes) -> AccessUnit:
-        """Parse the picture of a message.
+        """Parse the picture of the message `data`.
 
         Raises:
             InputError: the message is no Annex B stream, has no or several pictures, or pictures are stored in
@@ -254,7 +254,7 @@ class _Bits:
         return self._value >> self._left & ((1 << bits) - 1)
 
     def golomb(self) -> int:
-        """Read an Exp-Golomb code."""
+        """Read an unsigned Exp-Golomb code; IndexError at the end of the data."""
         zeros = 0
         while not self.number(1):
             zeros += 1
@@ -273,7 +273,7 @@ def _skip_scaling(bits: _Bits, size: int) -> None:
 
 
 def _units(data: bytes) -> Iterator[bytes]:
-    """Split a stream into units at start codes."""
+    """Generate the units of an Annex B stream, split at start codes."""
     begins = [match.end() for match in _START.finditer(data)]
     for begin, end in zip(begins, [*(at - 3 for at in begins[1:]), len(data)], strict=False):
         if begin < end:
@@ -312,7 +312,7 @@ class StreamFile:
         self.count += 1
 
     def close(self) -> None:
-        """End the file."""
+        """Close the file; it is complete."""
         self._file.close()
 
 

@@ -99,7 +99,7 @@ class ChunkSize(NamedTuple):
 
 
 def chunk_head(data: bytes) -> ChunkHead:
-    """Parse the header of a chunk; struct.error or UnicodeDecodeError if invalid."""
+    """Parse the header at the beginning of a chunk's data; struct.error or UnicodeDecodeError if invalid."""
     _, _, declared, crc = CHUNK_HEAD.unpack_from(data)
     (n,) = _LENGTH.unpack_from(data, CHUNK_HEAD.size)
     name = CHUNK_HEAD.size + _LENGTH.size
@@ -125,7 +125,7 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
 
 
 def records_at(file: IO[bytes], at: int) -> bytes:
-    """Decompressed records of the chunk at a byte; empty if damaged (reported when it is read)."""
+    """Decompressed records of the chunk at byte `at`; empty if damaged (reported when it is read)."""
     file.seek(at)
     _, length = HEAD.unpack(file.read(HEAD.size))
     data = file.read(length)
@@ -198,7 +198,7 @@ class DecompressionCount:
         self._unpacked, self._free = 0, FREE_RECORDS
 
     def add(self, packed: int, records: bytes) -> None:
-        """Add a chunk by its compressed size and decompressed records; InputError if the total is too large."""
+        """Count a chunk of `packed` bytes by its decompressed records; InputError if the total is too large."""
         self.add_bytes(len(records))
         beyond = _most_beyond(ChunkSize(packed, len(records)))
         if beyond > 0:
@@ -212,7 +212,7 @@ class DecompressionCount:
             )
 
     def add_bytes(self, unpacked: int) -> None:
-        """Add decompressed bytes; InputError if the total is too large."""
+        """Count a number of decompressed bytes (`unpacked`); InputError if the total is too large."""
         self._unpacked += unpacked
         most = max_decompressed_bytes(self._size)
         if self._unpacked > most:

@@ -107,7 +107,7 @@ def is_video_header(path: Path) -> bool:
 
 
 def leaves_folder(recording: Path, location: str) -> bool:
-    """Whether a link in a recording leads out of its folder, by its name or through symbolic links."""
+    """Whether a link in a recording, to `location`, leads out of its folder, by its name or through symbolic links."""
     lies = (recording.parent / location).resolve()
     return ".." in PurePosixPath(location).parts or not lies.is_relative_to(recording.parent.resolve())
 

@@ -87,7 +87,7 @@ ROWS_PER_CHUNK = 16_384
 
 @dataclass(frozen=True)
 class McapChannel:
-    """A channel of the file."""
+    """A channel of an MCAP file."""
 
     name: str
     schema: str
@@ -157,7 +157,10 @@ class McapRecording:
         return table.concat(self.tables(table))
 
     def frames(self, sensors: Iterable[str] | None = None) -> Iterator[Frame]:
-        """Generate the frames of cameras sorted by time; InputError if a camera's times do not increase."""
+        """Generate the frames of cameras sorted by time; InputError if a camera's times do not increase.
+
+        `sensors` are the names of the cameras; None: all.
+        """
         wanted = set(self.cameras if sensors is None else sensors)
         topics = {t.name: t for t in self.topics if _is_image(t) and sensor_of(t.name) in wanted}
         linked: dict[str, LinkedVideo] = {}
@@ -190,7 +193,10 @@ class McapRecording:
         return stamp or t_ns, partial(decode_apart, image, where), image
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
-        """Generate (topic, log time, data, sequence) sorted by time."""
+        """Generate the messages of topics sorted by time: topic, log time [ns], data, sequence number.
+
+        InputError if there are fewer than the index states.
+        """
         if not topics:
             return
         declared, found = sum(t.messages for t in self.topics if t.name in topics), 0

@@ -366,7 +366,7 @@ class McapMessages(Protocol):
     """Interface to the messages, attachments and metadata of an MCAP file."""
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Generate the messages of some or all topics, in the order of time or of the file."""
+        """Generate the messages of some topics (None: all), in the order of time or of the file."""
 
     def iter_attachments(self) -> Iterator[Attachment]:
         """Generate all attachments."""
@@ -385,7 +385,7 @@ class RebuiltIndexReader:
         self._chunked = _Given(file, self._summary)
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Generate the messages of some or all topics.
+        """Generate the messages of some topics (None: all), in the order of time or of the file.
 
         Messages of one time are in file order, those in chunks before those outside.
         """

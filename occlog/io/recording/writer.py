@@ -111,7 +111,7 @@ class RecordingWriter:
         self._add(channel, t_ns, message.SerializeToString(), index)
 
     def video(self, sensor: str, path: str, sha256: str) -> None:
-        """Declare that frames of `sensor` are in a video file; `path` is relative to the recording."""
+        """Declare that frames of `sensor` are in a video file, of a SHA-256; `path` is relative to the recording."""
         self._videos[sensor] = {"path": path, "sha256": sha256}
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:

@@ -93,7 +93,7 @@ class Faults:
         self._count = 0
 
     def append(self, fault: tuple[str, str]) -> None:
-        """Add a fault."""
+        """Add a fault (position, description); of many, the rest is counted."""
         if len(self._reported) < MAX_FAULTS:
             self._reported.append(fault)
             return
@@ -101,7 +101,7 @@ class Faults:
         self._count += 1
 
     def __bool__(self) -> bool:
-        """Whether there are faults."""
+        """Whether any fault was added."""
         return bool(self._reported)
 
     def __iter__(self) -> Iterator[tuple[str, str]]:

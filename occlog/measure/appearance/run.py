@@ -85,7 +85,7 @@ class SightingInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses recorded in the inputs."""
+        """Losses recorded in the provenance of the inputs."""
         return input_losses([self._images, self._boxes, self._tracks])
 
     def boxes(self) -> Iterator[FrameBoxes]:

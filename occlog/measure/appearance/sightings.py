@@ -72,7 +72,10 @@ def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> In
 
 
 def covered(boxes: Floats) -> Floats:
-    """(n,) largest share of each box covered by the box of a nearer person (with lower feet in the image)."""
+    """(n,) largest share of each of the boxes (n, 4) covered by that of a nearer person.
+
+    A nearer person has lower feet in the image; boxes are left, top, right, bottom.
+    """
     nearer = boxes[None, :, 3] > boxes[:, None, 3]
     share = np.where(nearer, overlaps(boxes, boxes), 0.0) / areas(boxes)[:, None]
     return np.asarray(share.max(axis=1, initial=0.0))
@@ -229,7 +232,7 @@ class SightingTally:
     last_ns: int = -1
 
     def losses(self) -> tuple[Loss, ...]:
-        """Losses of the input."""
+        """Losses of boxes without a frame, and of frames that cannot be decoded."""
         gone = [Loss(name, "boxes", "there is no frame of that number", n) for name, n in sorted(self.missing.items())]
         bad = [Loss(name, "frames", "cannot be decoded", n) for name, n in sorted(self.undecoded.items())]
         return (*gone, *bad)
@@ -238,7 +241,7 @@ class SightingTally:
 def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[FrameBoxes]:
     """Generate boxes frame by frame, sorted by time and camera name; frames without boxes are skipped.
 
-    Regions that the fusion of detections added or removed are skipped, too.
+    Regions that the fusion of detections added or removed are skipped, too. InputError if times go back.
     """
     for table in _whole_times(chunks):
         if isinstance(table, Views):
@@ -267,7 +270,7 @@ def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Frame
 
 
 def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | Views]:
-    """Rechunk rows so that no time is split."""
+    """Generate the rows in other chunks, so that no time is split; InputError if times go back."""
     held: Boxes | Views | None = None
     for chunk in chunks:
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]

@@ -70,7 +70,7 @@ class LabelTally:
         self.frames = 0
 
     def add(self, part: Labelled) -> None:
-        """Add rows."""
+        """Count the rows of a part."""
         self.rows += len(part.bearings)
         self.labelled.update(part.given.tolist())
         self.not_seen.update(part.missed.tolist())

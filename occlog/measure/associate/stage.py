@@ -78,7 +78,7 @@ def label(
 
 
 def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """Rechunk to about `ROWS_PER_PART` rows without splitting a time."""
+    """Generate the rows in chunks of about `ROWS_PER_PART` rows, without splitting a time."""
     rest = Bearings.empty()
     for chunk in chunks:
         table = Bearings.concat([rest, chunk])
@@ -107,7 +107,7 @@ class _Paths:
         self._held = Tracks.empty()
 
     def at(self, t_ns: Ints) -> _States:
-        """All tracks at nondecreasing times (also across calls)."""
+        """All tracks at nondecreasing times `t_ns` (N,) [ns], also across calls."""
         near = self._near(int(t_ns[0]) - self._limit_ns, int(t_ns[-1]) + self._limit_ns).with_covariance()
         target = np.unique(near.target_id)
         values, there = np.empty((len(t_ns), len(target), 5)), np.zeros((len(t_ns), len(target)), dtype=np.bool_)

@@ -41,7 +41,7 @@ class Mixture(NamedTuple):
 
 
 class EmStatistics(NamedTuple):
-    """Sufficient statistics of the E-step."""
+    """Sums over the cells, weighted by responsibility: sufficient statistics for the M-step."""
 
     mass: Floats  # (K + 1,)
     means: Floats  # (K, 2)
@@ -68,7 +68,7 @@ def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
 
 
 class _Shape(NamedTuple):
-    """Parameters of the cluster densities, precomputed."""
+    """Parameters of the densities of K clusters, precomputed."""
 
     inverse: Floats  # (K, 3) of the covariances
     log_scale: Floats  # (K,) logarithm of share / (2 pi sqrt(det))

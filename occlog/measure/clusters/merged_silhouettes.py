@@ -334,7 +334,10 @@ def split_silhouettes(
 
 
 def _may_be_several(box: Ints32, height: float, clusters: int) -> bool:
-    """Whether a silhouette with box (left, top, width, height, cells) may hold several people."""
+    """Whether a silhouette with box (left, top, width, height, cells) may hold several people.
+
+    `height` is that of a person there [cells], `clusters` the number of clusters in the silhouette.
+    """
     if box[4] < MIN_SHARE * height**2:
         return False
     return bool(clusters > 1 or box[2] > MIN_WIDTH_RATIO * WIDTH * height or box[3] > MIN_HEIGHT_RATIO * height)

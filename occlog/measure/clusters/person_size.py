@@ -48,7 +48,10 @@ class SizeMap:
 
 
 def cell_centres(image_size: tuple[int, int]) -> tuple[tuple[int, int], Floats]:
-    """Shape (rows, columns) of the grid for an image, and the (cells, 2) pixels of its cells' centres."""
+    """Shape (rows, columns) of the grid for an image, and the pixels (cells, 2) of its cells' centres.
+
+    `image_size` is width and height [px].
+    """
     width, height = image_size
     longer = max(width, height)
     columns, rows = max(1, round(GRID * width / longer)), max(1, round(GRID * height / longer))

@@ -87,7 +87,7 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
 
 
 class _Fit(NamedTuple):
-    """Result of an EM run."""
+    """Result of an EM run: mixture, statistics and objective."""
 
     mixture: Mixture
     statistics: EmStatistics

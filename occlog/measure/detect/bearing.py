@@ -44,7 +44,7 @@ class RegionBearings(NamedTuple):
 
 
 class BearingNoise(NamedTuple):
-    """Noise settings of region centres."""
+    """Settings of the noise of region centres."""
 
     sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these
     scale: float = 1.0  # factor on all standard deviations

@@ -51,7 +51,7 @@ class PersonDetector:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files of the networks."""
+        """Files of the networks, for their digests."""
         return (*self.network.network.file.files, *(self.embedder.network.file.files if self.embedder else ()))
 
     @property

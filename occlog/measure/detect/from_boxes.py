@@ -63,7 +63,7 @@ class LabelMap:
         return found[order], targets[order]
 
     def key(self, sensor: str, identity: int) -> tuple[str, int]:
-        """Key of an identity in `number`."""
+        """Key in `number` of the identity of a box in the camera `sensor`."""
         return ("" if self.scope == GLOBAL else sensor, identity)
 
 

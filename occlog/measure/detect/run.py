@@ -138,7 +138,10 @@ def write_detections(
 
 
 def _figures(tally: Counter[str]) -> dict[str, int]:
-    """Figures of the summary; frames used for learning the background only are listed if there are any."""
+    """Figures of the summary; frames used for learning the background only are listed if there are any.
+
+    `tally` has them by name.
+    """
     names = ("frames", "warmup_frames", "regions", "rows", "seen")
     return {name: tally[name] for name in names if tally[name] or name != "warmup_frames"}
 
@@ -361,6 +364,8 @@ def _check_embed(request: DetectRequest | NetworkRequest) -> None:
 
 def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, tuple[str, ...]]:
     """Open the recording of a request, with its scene and the cameras to detect in.
+
+    `detector` is what detects, in messages.
 
     Raises:
         InputError: the recording holds no images, or those of a camera that is not in the scene.

@@ -54,14 +54,14 @@ class ChannelLags:
     """Cross-correlation of each pair of channels (GCC-PHAT, Knapp & Carter 1976), averaged over blocks of samples."""
 
     def __init__(self) -> None:
-        """Start without samples."""
+        """Start without sound."""
         self._parts: list[Floats] = []
         self._held = self._blocks = 0
         self._sums: Floats | None = None  # (M, M, BLOCK)
         self._frames: list[Floats] = []  # (M, M, FRAME) correlations
 
     def add(self, block: Floats) -> None:
-        """Add samples (n, M)."""
+        """Add samples `block` (n, M) of M channels."""
         if self._blocks >= MAX_BLOCKS:
             return
         self._parts.append(block)
@@ -121,10 +121,11 @@ class ChannelLags:
         return groups[0] if len(groups) == 2 and alike and len(groups[0]) < len(groups[1]) else []
 
     def exchanged(self, microphones: Floats, rate: float) -> Exchange | None:
-        """Pairs of channels of which one pair seems exchanged, since delays fit no plane wave; see `late`.
+        """Pairs of channels of which one pair seems exchanged, since delays fit no plane wave; None if there are none.
 
         Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987). This detects an
         exchange only with more microphones than unknowns of the wave, and unless the exchange fits another plane wave.
+        Arguments as in `late`.
         """
         count = len(microphones)
         pairs = list(combinations(range(count), 2))
@@ -253,13 +254,13 @@ def _swapped(count: int, i: int, j: int) -> Ints:
 
 
 def _residual_maker(microphones: Floats, pairs: Sequence[tuple[int, int]]) -> Floats:
-    """(P, P) projection matrix: residual of the delays of pairs after a plane wave fit."""
+    """(P, P) projection matrix: residual of the delays of P pairs of `microphones` (M, 3) after a plane wave fit."""
     apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs])
     return np.eye(len(pairs)) - apart @ np.linalg.pinv(apart, rcond=1e-3)
 
 
 def _connected(fits: Bools) -> list[list[int]]:
-    """Groups of channels connected by fitting pairs."""
+    """Groups of channels connected by pairs that fit: `fits` (M, M) is a mask."""
     groups: list[list[int]] = []
     for channel in range(len(fits)):
         joined = [group for group in groups if fits[channel, group].any()]

@@ -42,7 +42,10 @@ def direction(azimuth: Floats, elevation: Floats) -> Floats:
 
 
 def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
-    """(M, length/2 + 1, S) Hann-windowed spectra of samples (n, M); S = 0 for fewer samples than `length`."""
+    """(M, length/2 + 1, S) Hann-windowed spectra of samples (n, M); S = 0 for fewer samples than `length`.
+
+    `hop` is the number of samples from one window to the next.
+    """
     M = samples.shape[1]
     if len(samples) < length:
         return np.empty((M, length // 2 + 1, 0), dtype=np.complex128)
@@ -52,7 +55,7 @@ def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
 
 
 def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
-    """(S,) mean power of each spectrum in some bins, over microphones; 1 for a full-scale sine."""
+    """(S,) mean power of each of the spectra X (M, F, S) in some bins, over microphones; 1 for a full-scale sine."""
     n = 2 * (X.shape[1] - 1)
     # Parseval, with the Hann window's mean square of 3/8 and the sine's of 1/2, on one side of the spectrum.
     full = n**2 * (3.0 / 8.0) * 0.5 / 2.0
@@ -140,7 +143,7 @@ class ArrayDirection(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Frequency bins that are used."""
+    """Frequency bins of a spectrum that are used to find directions."""
 
     rate: int
     length: int  # of a spectrum, samples
@@ -300,7 +303,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
-    """Directions in spectra (M, F, S), by decreasing confidence, at least `config.min_confidence`."""
+    """Directions in spectra X (M, F, S), by decreasing confidence, at least `config.min_confidence`."""
     config, grid = at.config, at.grid
     # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
     at.engine.locate_sources(X, num_src=max(config.max_sources, 1), freq_bins=at.band.bins)
@@ -356,7 +359,10 @@ def _with_uncertainty(
 
 
 def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
-    """(2,) variances [rad^2] of azimuth and elevation due to the angle to the plane of a flat array."""
+    """(2,) variances [rad^2] of azimuth and elevation due to the angle to the plane of a flat array.
+
+    `normal` (3,) is the unit normal of the plane.
+    """
     u = direction(np.array(azimuth), np.array(elevation))
     out = float(abs(u @ normal))
     towards = normal - (normal @ u) * u

@@ -75,7 +75,7 @@ def parse_most(text: str) -> int:
 
 
 def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
-    """Parse a list of channels (from 1) to indices (from 0)."""
+    """Parse a list of channels (from 1) to indices (from 0); UsageError for anything else or a repeated one."""
     text = ",".join(parts)
     if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
         raise UsageError(f"{option('channels')} {text}: expected numbers from 1, with commas")

@@ -24,7 +24,7 @@ MIN_SPECTRA = 3
 
 @dataclass
 class DoaTally:
-    """Counts of frames over a stream."""
+    """Counts of the frames of one array's sound."""
 
     frames: int = 0
     silent: int = 0  # frames without enough sound

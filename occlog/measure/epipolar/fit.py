@@ -27,7 +27,7 @@ class FundamentalMatrixFit(NamedTuple):
 
 
 def sampson(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N,) signed Sampson distances [px] of matches a, b (N, 2)."""
+    """(N,) signed Sampson distances [px] of matches a and b (N, 2) by the fundamental matrix (3, 3) from a to b."""
     fa, fb = homogeneous(a) @ matrix.T, homogeneous(b) @ matrix
     value = (homogeneous(b) * fa).sum(axis=1)
     length = np.sqrt(fa[:, 0] ** 2 + fa[:, 1] ** 2 + fb[:, 0] ** 2 + fb[:, 1] ** 2)
@@ -163,7 +163,10 @@ def _rank2(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
-    """(7, 3, 3) derivatives of the matrix by rotations of u, rotations of v, and the angle."""
+    """(7, 3, 3) derivatives of the matrix u diag(cos angle, sin angle, 0) vt.
+
+    By three rotations of u (3, 3), three of v (`vt` (3, 3) is its transpose), and the angle [rad].
+    """
     middle = np.diag([np.cos(angle), np.sin(angle), 0.0])
     moved = np.diag([-np.sin(angle), np.cos(angle), 0.0])
     return np.concatenate(
@@ -235,6 +238,11 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
     They are first-order distances, in the four coordinates of a match, from an exact match. With noise of standard
     deviation s in each, the square is s^2 times a chi-square of 2.
+
+    Args:
+        mapping: (3, 3) from a to b.
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
     """
     h = homogeneous(a) @ np.asarray(mapping).T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -249,7 +257,7 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def homography_parallax(a: Floats, b: Floats) -> float:
-    """Parallax [px] of matches (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
+    """Parallax [px] of matches a and b (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
 
     Root mean square of `homography_distances` of the best plane per degree of freedom: noise of standard deviation s in
     every coordinate gives about s.

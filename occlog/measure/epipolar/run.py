@@ -185,7 +185,7 @@ def _warn(pairs: ViewPairs, scene: Scene | None, job: Job) -> None:
 
 
 def _summary(pair: ViewPair) -> dict[str, object]:
-    """Figures of one pair."""
+    """Figures of one pair of views for the summary."""
     out: dict[str, object] = {"source": pair.source, "undistorted": pair.undistorted}
     if pair.source == "calibration":
         return out

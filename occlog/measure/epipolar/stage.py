@@ -206,7 +206,10 @@ class _Sample:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
 
     def add(self, block: Floats) -> None:
-        """Add the matches (N, 2, 2) of a random share of time steps; halve the share when too many are kept."""
+        """Add the matches `block` (N, 2, 2: view, coordinate) of a time step, if it is drawn.
+
+        A random share of time steps is; it is halved when too many matches are kept.
+        """
         lot = float(self.rng.random())
         if lot < self.share:
             self.kept.append((lot, block))
@@ -248,7 +251,7 @@ def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> 
 
 
 def _times(chunks: Iterable[ViewTracks] | Iterable[TruthBoxes]) -> Iterator[tuple[int, ViewDetections]]:
-    """Group rows by time and view, independent of chunk borders."""
+    """Generate time [ns] and detections of each view, independent of chunk borders."""
     shown: ViewDetections = {}
     last = 0
     for chunk in chunks:

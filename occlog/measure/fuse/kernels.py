@@ -268,7 +268,7 @@ class LocalDirections(NamedTuple):
     sigma_distance: Floats  # (R,)
 
     def take(self, rows: Ints | Bools) -> LocalDirections:
-        """Select rows."""
+        """Select directions by a mask or indices."""
         return LocalDirections(
             sensor=self.sensor[rows],
             origin=self.origin[rows],
@@ -280,7 +280,7 @@ class LocalDirections(NamedTuple):
 
 
 class PositionWithCovariance(NamedTuple):
-    """A position with its uncertainty."""
+    """A position on the ground with its covariance."""
 
     xy: Floats  # (2,)
     cov: Floats  # (2, 2)
@@ -368,7 +368,7 @@ class MotionEstimate(NamedTuple):
 
 
 def begin(t_ns: int, position: PositionWithCovariance, speed: float) -> MotionEstimate:
-    """Initiate a target at a position; velocity components are 0 with standard deviation `speed`."""
+    """Initiate a target at a position and time [ns]; velocity components are 0 with standard deviation `speed`."""
     cov = np.zeros((4, 4))
     cov[:2, :2], cov[2, 2], cov[3, 3] = position.cov, speed**2, speed**2
     return MotionEstimate(t_ns, np.append(position.xy, [0.0, 0.0]), cov)
@@ -384,7 +384,7 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
 
 
 def corrected_by_place(motion: MotionEstimate, position: PositionWithCovariance) -> MotionEstimate:
-    """Update by a position measurement."""
+    """Kalman update by a measured position."""
     return _corrected(motion, np.eye(2, 4), position.xy - motion.mean[:2], position.cov)
 
 

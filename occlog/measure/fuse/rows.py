@@ -131,11 +131,11 @@ class FusionRows:
         self._views, self._view_of = part.views, views_of(part.views, part.bearings)
 
     def keep(self, rows: Ints) -> None:
-        """Mark detections as kept."""
+        """Mark the detections `rows` as kept."""
         self.cause[rows] = KEPT
 
     def remove(self, rows: Ints) -> None:
-        """Mark detections as removed, since other cameras contradict them."""
+        """Mark the detections `rows` as removed, since other cameras contradict them."""
         self.cause[rows] = REMOVED
 
     def recover(self, t_ns: int, camera: int, target: int, position: PositionWithCovariance, row: int | None) -> None:

@@ -148,7 +148,7 @@ def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, dista
 
 
 class _FusionStep(NamedTuple):
-    """Rows of one time step."""
+    """One time step: its rows, and the cameras that have a frame."""
 
     t_ns: int
     rows: Ints  # of the bearings of cameras

@@ -166,7 +166,7 @@ class Boxed(NamedTuple):
 
 
 def _select(found: NetworkDetections, rows: Ints) -> NetworkDetections:
-    """Select detections by rows."""
+    """Select detections by indices `rows`."""
     return NetworkDetections(found.boxes[rows], found.score[rows], found.label[rows])
 
 
@@ -248,7 +248,7 @@ class NetworkDetector:
         return found
 
     def _merged(self, image: Prepared, found: Sequence[NetworkDetections | None]) -> Boxed | None:
-        """Merge the boxes of an image's tiles, each object once."""
+        """Merge the boxes found in each of an image's tiles, each object once; None if that of a tile is None."""
         if any(raw is None for raw in found):
             return None
         repeats = HEADS[self.reading.head].repeats

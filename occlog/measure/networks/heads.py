@@ -203,7 +203,14 @@ def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more
 
 
 def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False) -> Reading | None:
-    """Interpret the outputs as those of a head, with `more` numbers after the classes; None if impossible."""
+    """Interpret the outputs as those of a head; None if impossible.
+
+    Args:
+        outputs: of a run, by name.
+        head: name of the head.
+        names: number of classes that the network names; None: it names none.
+        more: numbers after the classes are allowed.
+    """
     if head in BOXES:
         wanted = [_one(outputs, each.get(head)) for each in (BOXES, SCORES, LABELS)]
         if None in wanted:
@@ -391,7 +398,7 @@ class ClassNames(NamedTuple):
 
 
 def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
-    """Parse the class names in an ultralytics model (`names`: a dictionary or a list); None if missing.
+    """Parse the class names in the metadata of an ultralytics model (`names`: a dictionary or a list); None if missing.
 
     Raises:
         InputError: they cannot be read.

@@ -132,7 +132,7 @@ def _inputs(file: OnnxFile) -> tuple[Port, str]:
 
 
 def _ports(ports: tuple[Port, ...] | list[Port]) -> str:
-    """Format inputs for messages."""
+    """Names, types and shapes of inputs, for messages."""
     return ", ".join(f"{p.name} {p.kind} {' x '.join(str(n or '?') for n in p.shape or ())}".strip() for p in ports)
 
 

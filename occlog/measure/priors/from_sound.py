@@ -23,7 +23,7 @@ STEPS_PER_CHUNK = 256
 
 
 class _Sources(NamedTuple):
-    """N tracked sources."""
+    """N tracked sources of sound, with the times [ns] at which each was heard."""
 
     identity: Ints
     first_ns: Ints

@@ -38,7 +38,7 @@ STEPS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
-    """Polygons and Gaussians of time steps."""
+    """Polygons and Gaussians of several time steps."""
 
     hulls: Hulls  # the polygons
     occluders: Occluders  # Gaussians with their means and covariances
@@ -240,7 +240,7 @@ def _tables(steps: list[tuple[int, list[ConfirmedPolygon]]], candidates: int) ->
 
 
 def _corners(polygon: Polygon) -> Floats:
-    """(K, 2) corners, counter-clockwise."""
+    """(K, 2) corners of a polygon, counter-clockwise."""
     ring = shapely.geometry.polygon.orient(polygon.shape).exterior
     return np.asarray(ring.coords)[:-1]
 

@@ -52,7 +52,10 @@ def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
 
 
 def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geometry:
-    """Sector of directions within `width` / 2 of `axis` [rad], to a distance of at least `far`, as a polygon."""
+    """Sector, as a polygon, of directions within `width` / 2 of `axis` [rad] from `origin` (2,).
+
+    It reaches to a distance of at least `far`.
+    """
     width = min(width, 2.0 * np.pi)
     n = max(int(np.ceil(width / STEP)), 1)
     angles = axis + np.linspace(-0.5 * width, 0.5 * width, n + 1)
@@ -105,7 +108,7 @@ def cones(view: HullCamera, of_runs: Floats) -> list[shapely.Geometry]:
 
 
 def _merged(of_runs: Floats) -> list[tuple[float, float]]:
-    """Union of intervals (centre, width), sorted by lower end."""
+    """Union of the intervals `of_runs` (B, 2: centre, width) of angles [rad], sorted by lower end."""
     spans = sorted((float(c - 0.5 * w), float(c + 0.5 * w)) for c, w in of_runs)
     out: list[list[float]] = []
     for low, high in spans:
@@ -270,7 +273,7 @@ class HullMemory(NamedTuple):
 
 
 class ConfirmedPolygon(NamedTuple):
-    """A confirmed polygon."""
+    """A polygon that is output, with its identity."""
 
     identity: int
     polygon: Polygon

@@ -47,7 +47,7 @@ class TableStream:
 
     @property
     def unit(self) -> str:
-        """Length unit."""
+        """Length unit of the table; m if it states none."""
         return self.opened.length_unit or "m"
 
     def need_scene(self) -> Scene:
@@ -176,7 +176,7 @@ def _of_cameras(chunks: Iterable[S], names: list[str]) -> Iterator[S]:
 
 
 class PriorsTally:
-    """Counts of priors for the summary."""
+    """Counts of priors, and their mean spread, for the summary."""
 
     def __init__(self) -> None:
         """Start all counts at 0."""
@@ -187,7 +187,7 @@ class PriorsTally:
         self.spread = 0.0
 
     def add(self, table: Occluders) -> None:
-        """Add rows."""
+        """Count the rows of a table; those without occluder count as times only."""
         there = table.occluder_id >= 0
         self.rows += len(table)
         self.times += len(np.unique(table.t_ns))

@@ -291,7 +291,10 @@ def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
 
 
 def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None:
-    """Size map from blobs (N, 2: row of the feet, height); None without blobs."""
+    """Size map from blobs (N, 2: row of the feet, height) [px] in images of one size; None without blobs.
+
+    `image_size` is width and height [px].
+    """
     if not len(blobs):
         return None
     feet, heights = blobs.T

@@ -358,7 +358,7 @@ MOST = 8
 
 
 def downscale_factor(width_px: float) -> int:
-    """Integer factor for downscaling images, by the width of people [px]."""
+    """Integer factor for downscaling images in which people are `width_px` wide."""
     return int(np.clip(width_px // ENOUGH_WIDTH_PX, 1, MOST))
 
 
@@ -379,7 +379,7 @@ def downscale_sizes(sizes: SizeMap, factor: int) -> SizeMap:
 
 
 def enlarge(regions: ForegroundRegions, factor: int) -> ForegroundRegions:
-    """Convert regions of a downscaled image to pixels of the original."""
+    """Convert regions of an image downscaled by `factor` to pixels of the original."""
     if factor == 1:
         return regions
     area = float(factor**2)

@@ -180,7 +180,10 @@ def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, 
 
 @kernel
 def clear_balls(depth: Floats, covered: Ints) -> None:
-    """Reset the depth buffer to inf where balls can be."""
+    """Reset the depth buffer (H, W, 4) to inf, in place, where balls can be.
+
+    `covered` (n, 5) is that of `trace_balls_into`.
+    """
     for k in range(covered.shape[0]):
         for row in range(covered[k, 1], covered[k, 3]):
             for col in range(covered[k, 0], covered[k, 2]):

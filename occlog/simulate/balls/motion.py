@@ -28,7 +28,7 @@ TRIES = 5_000
 
 
 class BallPaths(NamedTuple):
-    """True paths of the balls."""
+    """True paths of n balls in T frames."""
 
     centres: Floats  # (T, n, 3)
     turns: Floats  # (T, n, 3, 3) world-from-ball rotations
@@ -65,7 +65,7 @@ def ball_box(config: BallsConfig) -> Floats:
 
 
 def _largest(good: Callable[[float], bool]) -> float:
-    """Largest scale up to 1 that fulfils a monotonic condition, by bisection."""
+    """Largest scale from 0 to 1 for which `good` (True up to a limit) is True, by bisection."""
     if good(1.0):
         return 1.0
     low, high = 0.0, 1.0
@@ -76,7 +76,7 @@ def _largest(good: Callable[[float], bool]) -> float:
 
 
 def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
-    """Whether all points are in all images, to 0.1 px."""
+    """Whether all points (N, 3) are in the images of all cameras, to 0.1 px."""
     for camera in cameras:
         pixels = camera.project(points)
         size = np.asarray(camera.image_size)
@@ -113,7 +113,7 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
 
 
 def _directions(rngs: list[np.random.Generator]) -> Floats:
-    """(n, 3) uniformly distributed unit vectors."""
+    """(n, 3) uniformly distributed unit vectors, each from one of the n generators."""
     drawn = np.array([rng.standard_normal(3) for rng in rngs])
     return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 

@@ -47,7 +47,7 @@ class BallsFrame(NamedTuple):
 
 
 class ViewCanvas(NamedTuple):
-    """Constant data for rendering one view."""
+    """Constant data for rendering one view of the balls."""
 
     number: int  # of the view
     camera: Camera

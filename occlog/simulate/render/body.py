@@ -229,10 +229,10 @@ LAG_S = 0.35
 
 
 def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
-    """The grids with, instead of z, columns vx, vy (smoothed velocity in m/s) and phase of the gait [rad].
+    """Generate the grids with, instead of z, columns vx, vy (smoothed velocity in m/s) and phase of the gait [rad].
 
     A body faces its velocity, smoothed with a time constant of 0.35 s, so that the noise
-    of its path does not make it shake; it starts in the direction of its first step.
+    of its path does not make it shake; it starts in the direction of its first step. `metre` is a metre in scene units.
     """
     last: TimeGrid | None = None
     for grid in grids:

@@ -86,7 +86,13 @@ def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Float
 
 
 def around_ellipsoids(centre: Floats, axes: Floats, half: Floats) -> Floats:
-    """Return (P, 8, 3) corners of the oriented boxes around ellipsoids; `half` are the lengths of their semi-axes."""
+    """Return (P, 8, 3) corners of the oriented boxes around ellipsoids.
+
+    Args:
+        centre: (P, 3) centres.
+        axes: (P, 3, 3) rows: directions of the axes, over the semi-axes.
+        half: (P, 3) lengths of the semi-axes.
+    """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     edges = axes * half[..., None] ** 2  # rows: axis direction times half length
     return np.asarray(centre[:, None] + np.einsum("ck,pkj->pcj", signs, edges))
@@ -139,7 +145,7 @@ class Canvas(NamedTuple):
 
 
 class RenderedFrame(NamedTuple):
-    """A frame and its content."""
+    """A rendered frame, and the objects that it shows."""
 
     image: Bytes  # (H, W, 3) BGR
     present: Ints  # (m,) which objects were there to be drawn

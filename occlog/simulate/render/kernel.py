@@ -199,7 +199,10 @@ def resolve_into(
 
 @kernel
 def count_into(bounds: Ints, row: int, col: int) -> None:
-    """Extend the pixel bounds (5,) left, top, right, bottom, count in place by one line of sight at a pixel."""
+    """Extend pixel bounds in place by one line of sight at the pixel (row, col).
+
+    `bounds` (5,) are left, top, right, bottom and number of lines of sight.
+    """
     bounds[0] = min(bounds[0], col)
     bounds[1] = min(bounds[1], row)
     bounds[2] = max(bounds[2], col)

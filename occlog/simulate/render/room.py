@@ -179,7 +179,10 @@ def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0
 
 
 def blank(camera: Camera, n_lights: int) -> Background:
-    """Return a black background at infinite depth without a floor, with the camera's lines of sight."""
+    """Return a black background at infinite depth without a floor, with the camera's lines of sight.
+
+    ValueError for a camera without image size.
+    """
     if camera.image_size is None:
         raise ValueError(f"camera {camera.name} has no image size")
     width, height = camera.image_size

@@ -29,7 +29,7 @@ POSTERS = np.array(
 
 @kernel
 def hash_point(i: int, j: int, seed: int) -> float:
-    """A pseudo-random number in [0, 1) that belongs to the integer point (i, j)."""
+    """Pseudo-random number in [0, 1) that belongs to the integer point (i, j) and a seed."""
     h = (i * 0x27D4EB2F + j * 0x165667B1 + seed * 0x1E3779B1) & 0xFFFFFFFF
     h = ((h ^ (h >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     h = ((h ^ (h >> 12)) * 0x297A2D39) & 0xFFFFFFFF

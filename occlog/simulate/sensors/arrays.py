@@ -69,7 +69,7 @@ class SoundChanges:
         self._start = start_ns
 
     def sounding(self, t_ns: Ints) -> Bools:
-        """Return (T,) booleans: whether the source sounds at ascending times [ns]."""
+        """Return (T,) booleans: whether the source sounds at ascending times `t_ns` (T,) [ns]."""
         seconds = (t_ns - self._start) * 1e-9
         while self._times[-1] <= seconds[-1]:
             lengths = (self._rng.standard_exponential((PAIRS, 2)) * self._means).ravel()
@@ -147,7 +147,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _distances(units: Floats) -> Floats:
-    """Return (T, n, n) chord distances between unit vectors; NaN where a vector is NaN."""
+    """Return (T, n, n) chord distances between unit vectors (T, n, 3); NaN where a vector is NaN."""
     return np.asarray(np.linalg.norm(units[:, :, None] - units[:, None, :], axis=-1))
 
 
@@ -294,9 +294,14 @@ def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
 
 
 def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return world azimuths and elevations [rad] of (m, 3) directions, with noise on the array's two angles.
+    """Return world azimuths and elevations (m,) [rad] of directions, with noise on the array's two angles.
 
     Directions that the noise moves beyond a pole continue on its other side.
+
+    Args:
+        array: with its standard deviations.
+        to: (m, 3) directions in the world.
+        noise: (m, 2) standard normal numbers.
     """
     sigma_elevation = array.sigma if array.sigma_elevation is None else array.sigma_elevation
     vertical = _vertical(array)

@@ -130,13 +130,18 @@ def _image_boxes(camera: Camera, positions: Floats) -> Floats:
 
 
 def _clear(box: Floats, others: Floats) -> Bools:
-    """Return (m,) booleans: whether a person's boxes (V, 4) overlap none of the others' boxes (m, V, 4) in any view."""
+    """Return (m,) booleans: whether a person's boxes overlap none of another person's boxes in any view.
+
+    Args:
+        box: (V, 4) left, top, right, bottom in each of V views.
+        others: (m, V, 4) those of m other persons.
+    """
     disjoint = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
     return np.asarray(disjoint.any(axis=-1).all(axis=-1))
 
 
 class Avoidance(NamedTuple):
-    """Parameters of potential-field obstacle avoidance."""
+    """Parameters by which objects avoid obstacles in potential fields."""
 
     field: Field
     steps: StepRules

@@ -29,7 +29,7 @@ CHUNK_STEPS = 256
 
 
 def step_times(first: int, count: int, step_s: float) -> Ints:
-    """Return (count,) times of the steps from number `first` on, in ns after step 0."""
+    """Return (count,) times of the steps from number `first` on, in ns after step 0; `step_s` is that of a step [s]."""
     times: Ints = np.rint(np.arange(first, first + count) * (step_s * 1e9)).astype(np.int64)
     return times
 
@@ -84,7 +84,10 @@ def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
 
 
 def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
-    """InputError for an object that leaves the room or is in a static occluder: people cannot be drawn there."""
+    """InputError for an object that leaves the room or is in a static occluder: people cannot be drawn there.
+
+    `start_ns` is the begin of the simulation [ns], for the message.
+    """
     for column, number in enumerate(grid.ids.tolist()):
         there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))
         positions = np.ascontiguousarray(grid.xyz[there, column, :2])
@@ -101,7 +104,7 @@ def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
 
 
 def moved(state: Floats, segment: Segment, dt: float) -> Floats:
-    """Return (6,) position and velocity after dt seconds of one path segment, without noise."""
+    """Return position and velocity (6,) dt seconds after `state` (6,) in one path segment, without noise."""
     out = state.copy()
     out[:3] += dt * state[3:]
     if any(segment.acceleration):

@@ -26,7 +26,7 @@ from occlog.core.plane import distance_to_boundary, point_inside, segment_blocke
 
 
 class Ground(NamedTuple):
-    """Free ground of objects."""
+    """Free ground on which objects move: the room without walls and occluders."""
 
     room: Floats  # (K, 2)
     walls: Floats  # (S, 2) packed polygons: static occluders and pockets of the room
@@ -249,7 +249,7 @@ ATTEMPTS = 20_000
 
 
 class WaypointState(NamedTuple):
-    """Positions and destinations of the objects."""
+    """Positions and destinations of n walking objects."""
 
     xy: Floats  # (n, 2)
     destination: Floats  # (n, 2)

@@ -192,7 +192,7 @@ class ClearCounts:
         self._stretches = np.concatenate([self._stretches, other._stretches])
 
     def result(self) -> ClearMot:
-        """CLEAR-MOT figures of all frames."""
+        """CLEAR-MOT figures over all frames added."""
         n, m, tp = self._objects, self._estimates, self._tp
         known = self._life > 0
         # Share of each target's frames in which it is paired

@@ -250,7 +250,7 @@ def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[R
 
 
 def read_table(path: Path, table: type[T]) -> T:
-    """Read the whole table."""
+    """Read a whole Parquet table into memory; errors as of `iter_table`."""
     return table.concat(iter_table(path, table))
 
 
@@ -296,7 +296,7 @@ def _unit(entries: Mapping[bytes, bytes]) -> str:
 
 
 class TableDescription(TypedDict):
-    """Description of a Parquet file."""
+    """What a Parquet file states about its table."""
 
     schema: str  # name of the table
     version: int  # of the schema; 0: not stated

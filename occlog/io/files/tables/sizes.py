@@ -66,7 +66,7 @@ class CompactReader:
     """
 
     def __init__(self, data: bytes, left: int) -> None:
-        """Start at the first byte; `left` limits the bytes that are decoded."""
+        """Start at the first byte of `data`; `left` limits the bytes that are decoded, without those of texts."""
         self.data, self.at, self.left = data, 0, left
 
     def fields(self) -> Iterator[tuple[int, int]]:
@@ -198,7 +198,10 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
 
 
 def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
-    """Parse the row groups of a footer; None if the file is encrypted."""
+    """Parse the row groups of the footer of a file of `size` bytes; None if the file is encrypted.
+
+    MalformedError if it is invalid, or has too many columns.
+    """
     reader, groups, rows = CompactReader(footer, FREE_STEPS + size // BYTES_PER_STEP), list[RowGroupSizes](), -1
     left, room = FREE_CHUNKS + size // BYTES_PER_CHUNK, size
     for number, kind in reader.fields():
@@ -279,7 +282,7 @@ class Page(NamedTuple):
 
 
 def read_page(data: bytes) -> Page:
-    """Parse the page header at the first byte; MalformedError if invalid."""
+    """Parse the page header at the first byte of `data`; MalformedError if invalid."""
     reader, found, values = CompactReader(data, len(data)), dict[int, int](), 0
     for number, kind in reader.fields():
         if number in (PAGE_UNPACKED, PAGE_PACKED):
@@ -330,7 +333,10 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         return table
 
     def _check_rows(self, rows: int, numbers: Collection[int]) -> None:
-        """ArrowInvalid unless row groups returned all their rows (on some damage the library ends early, silently)."""
+        """ArrowInvalid unless the row groups `numbers` have returned all their rows.
+
+        On some damage the library ends early, silently; `rows` is the number that it returned.
+        """
         stated = sum(self._groups[number].rows for number in numbers)
         if rows != stated:
             raise pa.ArrowInvalid(f"{stated} rows are stated, and {rows} can be read")

@@ -107,7 +107,10 @@ class TableWriter:
         return self._output.__exit__(kind, error, trace)
 
     def _close(self, abandon: bool) -> None:
-        """Close the library's writer, so that an abandoned one is not finalised by garbage collection."""
+        """Close the library's writer, so that an abandoned one is not finalised by garbage collection.
+
+        `abandon`: errors are ignored, since the file is deleted.
+        """
         if self._writer is None:
             return
         try:

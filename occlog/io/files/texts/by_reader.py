@@ -38,12 +38,12 @@ class NamedReader:
     """The reader that the user names, and whether it was used for a file."""
 
     def __init__(self, chosen: Chosen) -> None:
-        """Start without files."""
+        """Wrap the reader that the user names, which was not used so far."""
         self.chosen, self.used = chosen, False
 
     @property
     def endings(self) -> tuple[str, ...]:
-        """File suffixes of the reader."""
+        """Suffixes of the files that the reader reads."""
         return tuple(self.chosen.plugin.load().endings)
 
     def check_used(self) -> None:
@@ -150,7 +150,7 @@ def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def fault_of(columns: object) -> str | None:
-    """Description of what is wrong with a reader's result; None if it is valid."""
+    """Description of what is wrong with the columns that a reader plug-in returns; None if they are valid."""
     if not isinstance(columns, Mapping):
         return f"read gives a {type(columns).__name__}; a mapping of names to columns was expected"
     if not columns:

@@ -84,7 +84,7 @@ BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LIN
 
 @contextmanager
 def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None]:
-    """Context manager that reports malformed lines to a callback, and continues reading."""
+    """Context manager that reports malformed lines to `listener`, and continues reading."""
     token = BAD_LINES.set(listener)
     try:
         yield
@@ -117,7 +117,7 @@ class CsvRows:
         return len(self.lines)
 
     def pick(self, kept: Ints) -> CsvRows:
-        """The rows of an index array."""
+        """Select rows by indices `kept`."""
         return replace(
             self,
             lines=self.lines[kept],
@@ -320,7 +320,7 @@ def commented_header(path: Path, what: str) -> list[str]:
 
 
 def is_header(cells: Sequence[str]) -> bool:
-    """Whether a line names columns, i.e. has a cell that is not a number."""
+    """Whether the cells of a line name columns, i.e. one of them is not a number."""
     return any(not _NUMBER.match(cell) for cell in cells)
 
 

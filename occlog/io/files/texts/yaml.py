@@ -47,7 +47,7 @@ if yaml.__with_libyaml__:
         """Safe loader with the parser of libyaml (six times faster), which allows counting nodes while reading."""
 
         def __init__(self, stream: str) -> None:
-            """Begin to read a text."""
+            """Begin to read a YAML text (`stream`)."""
             yaml.cyaml.CParser.__init__(self, stream)  # type: ignore[attr-defined]
             Composer.__init__(self)
             SafeConstructor.__init__(self)
@@ -61,7 +61,7 @@ class BoundedLoader(_SafeLoader):
     """Safe loader that raises an error after `MAX_NODES` values, which limits the time of parsing."""
 
     def __init__(self, stream: str) -> None:
-        """Begin to read a text."""
+        """Begin to read a YAML text (`stream`), without nodes so far."""
         super().__init__(stream)
         self._nodes = 0
 
@@ -268,7 +268,7 @@ KEPT_TEXTS, KEPT_LENGTH = 8, 100_000
 
 
 def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
-    """Value of a YAML text, and the line of every value in it by path."""
+    """Value of a YAML text, and the line of every value in it by path; `source` names it in messages."""
     known = _KEPT.get(text)
     if known is None:
         try:

@@ -28,7 +28,7 @@ class FrameChoice:
         return chosen is None or chosen[0] <= number < chosen[1]
 
     def __bool__(self) -> bool:
-        """Whether there is a selection."""
+        """Whether any frames are selected; otherwise all are used."""
         return self.common is not None or bool(self.own)
 
     def __str__(self) -> str:

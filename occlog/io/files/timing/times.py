@@ -114,7 +114,7 @@ def _fault(text: str) -> str:
 
 
 def coarse(ns: float) -> str:
-    """Description of the precision of times with limited digits."""
+    """Text, for messages, about times that are known to `ns` only."""
     return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
 
 
@@ -134,7 +134,7 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
 
 
 def unit_by_size(largest: float) -> str:
-    """Infer the unit of a time since 1970: s, ms, us or ns, so that the year is 1973 to 5138.
+    """Infer the unit of times since 1970 by the largest: s, ms, us or ns, so that the year is 1973 to 5138.
 
     Each is a thousand times the other, so that a time of these years has one unit only.
     """

@@ -100,7 +100,10 @@ class BoxSource(NamedTuple):
 
 
 def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple[int, int]]:
-    """Image sizes by camera, from camera, width and height of each row; a camera with several sizes is omitted."""
+    """Image sizes (width, height) by camera; a camera with several sizes is omitted.
+
+    `found` has camera, width and height of each row.
+    """
     sizes: dict[str, set[tuple[int, int]]] = {}
     for camera, width, height in found:
         try:
@@ -143,7 +146,10 @@ def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str
 
 
 def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
-    """Return the rows; InputError if a required column of boxes is missing."""
+    """Return the rows, with corners in place of centres; InputError if a required column of boxes is missing.
+
+    `camera` is that which the user states; None: the rows must name it.
+    """
     if rows.has(SHARE_X):
         return rows
     rows = _from_centres(rows)

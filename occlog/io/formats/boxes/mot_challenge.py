@@ -58,7 +58,7 @@ class SequenceInfo(NamedTuple):
     height: int
 
     def text(self) -> str:
-        """Text of the file."""
+        """Text of the file `seqinfo.ini`."""
         values = {
             "name": self.name,
             "imDir": "img1",

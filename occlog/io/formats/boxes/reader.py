@@ -280,7 +280,10 @@ class BoxSurvey:
         return frames
 
     def _check_rates(self, intervals: Mapping[str, float]) -> None:
-        """UsageError for one frame range of cameras with unequal frame rates, since it means different times."""
+        """UsageError for one frame range of cameras with unequal frame rates, since it means different times.
+
+        `intervals` has the time from frame to frame of each camera [ns].
+        """
         known = {name: step for name, step in intervals.items() if math.isfinite(step) and step > 0}
         if not self.given.common or not known:
             return
@@ -420,7 +423,7 @@ class _CameraFrames:
 
     @property
     def count(self) -> int:
-        """Number of frames."""
+        """Number of frames of the camera, with boxes or listed by the file."""
         return max(self.listed, self.boxed)
 
     def take(self, frames: Ints, *, listed: bool = False) -> None:
@@ -476,7 +479,7 @@ def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
 
 
 def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> Bools:
-    """(n,) mask of boxes in selected frames."""
+    """(n,) mask of the boxes in selected frames; `cameras` are names by index."""
     chosen = np.ones(len(boxes.frame), dtype=np.bool_)
     for n in np.unique(boxes.camera).tolist() if frames else ():
         if (own := frames.of(cameras[n])) is not None:
@@ -509,7 +512,7 @@ def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[st
 
 @dataclass
 class _BoxScan:
-    """State of a survey."""
+    """What a survey of box files has found so far."""
 
     cameras: list[str] = field(default_factory=list)
     stamps: dict[str, dict[int, int]] = field(default_factory=dict)

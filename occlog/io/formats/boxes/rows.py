@@ -196,7 +196,7 @@ def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path
 
 
 def join(parts: Sequence[FileBoxRows]) -> FileBoxRows:
-    """Concatenate rows, sorted by frame and camera (stable)."""
+    """Concatenate the rows of several parts, sorted by frame and camera (stable)."""
     whole = FileBoxRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     return whole.pick(np.lexsort((whole.camera, whole.frame)))
 

@@ -61,7 +61,7 @@ class CalibrationOptions:
     unused: dict[str, list[str]] = field(default_factory=dict)
 
     def check_keys(self, name: str, keys: Iterable[str], known: Collection[str]) -> None:
-        """Record the keys of camera `name` that are not used, for a note."""
+        """Record, for a note, those of the keys of camera `name` that are not `known`, so that they are not used."""
         for key in keys:
             if key.lower() not in known:
                 self.unused.setdefault(key, []).append(name)

@@ -149,7 +149,7 @@ def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
 
 
 class _EllipseRows(NamedTuple):
-    """Ellipses of some frames."""
+    """Ellipses of several views and frames, in columns."""
 
     sensor: Strings
     target_id: Ints

@@ -53,7 +53,7 @@ class Port:
 
 @dataclass(frozen=True)
 class OnnxFile:
-    """Metadata of a network file."""
+    """Inputs, outputs and metadata of a network file."""
 
     path: Path
     inputs: tuple[Port, ...]  # without those that have a value in the file
@@ -144,7 +144,7 @@ class _OnnxWalk:
     fields: int = 0
 
     def model(self, data: memoryview) -> None:
-        """Parse a ModelProto."""
+        """Parse a ModelProto: metadata, and all graphs of the network."""
         for number, value in self._messages(data):
             if number == 7:
                 self._graph(value, depth=0, whole=True)
@@ -313,7 +313,7 @@ def _varint(data: memoryview, offset: int) -> tuple[int, int]:
 
 
 def _varints(data: memoryview) -> Iterator[int]:
-    """Iterate over consecutive variable-length integers."""
+    """Generate the consecutive variable-length integers of `data`."""
     offset = 0
     while offset < len(data):
         value, offset = _varint(data, offset)

@@ -56,7 +56,7 @@ _LAST_NUMBER = re.compile(r"(\d{1,9})$")
 
 
 def looks_like_locata(head: Sequence[str]) -> bool:
-    """Whether a header line is that of a LOCATA table of poses."""
+    """Whether the cells of a header line (`head`) are those of a LOCATA table of poses."""
     return {*TIMES, *PLACE} <= {cell.strip().lower() for cell in head}
 
 
@@ -233,7 +233,7 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
 
 
 def looks_like_telemetr(head: list[str]) -> bool:
-    """Return whether the first line is date, time, animal, code and pairs of tower and bearing."""
+    """Whether the cells of a first line (`head`) are date, time, animal, code and pairs of tower and bearing."""
     return len(head) >= 6 and len(head) % 2 == 0 and bool(_DATE.match(head[0])) and head[1].count(":") == 2
 
 
@@ -269,7 +269,7 @@ def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Itera
 
 
 def _animals(cells: Strings) -> Ints:
-    """Numbers of animals; -1 for a name that is not a number."""
+    """(n,) numbers of animals in cells (n,); -1 for a name that is not a number."""
     return np.array([int(c) if _WHOLE_NUMBER.match(c) else -1 for c in cells.tolist()], dtype=np.int64)
 
 
@@ -352,7 +352,7 @@ class _OdasObject(NamedTuple):
 
 
 def looks_like_odas(head: list[str]) -> bool:
-    """Whether the first line of a file begins a JSON object."""
+    """Whether the first line of a file (`head`) begins a JSON object."""
     return bool(head) and head[0].lstrip("\ufeff").lstrip().startswith("{")
 
 

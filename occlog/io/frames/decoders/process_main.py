@@ -147,7 +147,10 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
 
 
 def _slots(memory: int | None, size: int) -> Slots | None:
-    """Slots of the shared memory, None without one; released slots are read from standard input."""
+    """Slots of a size [bytes] in the shared memory; None without one (`memory` is its descriptor, or None).
+
+    Released slots are read from standard input.
+    """
     if memory is None or not size:
         return None
     return Slots(memory, size, cast("BufferedReader", sys.stdin.buffer).read1)

@@ -46,7 +46,7 @@ _FOOTER = struct.Struct("<QQI")
 
 
 def is_end_mark(code: int, length: int) -> bool:
-    """Whether a record of this kind and length is an end mark."""
+    """Whether a record with an opcode and a length [bytes] is an end mark."""
     return END_BYTES.get(code) == length
 
 
@@ -151,7 +151,7 @@ def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int 
 
 
 class SalvagedRecording:
-    """State of one recording during salvage."""
+    """One of the recordings in a file, while it is salvaged."""
 
     def __init__(self, at: int) -> None:
         """`at`: byte of the file at which it begins."""
@@ -186,7 +186,7 @@ class SalvagedRecording:
         return found.id in known and bool(known[found.id] != found)
 
     def define(self, found: records.Schema | records.Channel) -> None:
-        """Add a definition."""
+        """Add the definition of a schema or channel."""
         if isinstance(found, records.Schema):
             self.schemas[found.id] = found
         else:
@@ -235,7 +235,7 @@ class SalvagedRecording:
         return {topic: max(self._latest.get(topic, -1), self.before.get(topic, -1)) for topic in topics}
 
     def schema_of(self, channel_id: int) -> str:
-        """Schema name of a channel; empty if lost."""
+        """Name of the schema of a channel, by its number; empty if lost."""
         schema = self.schemas.get(self.channels[channel_id].schema_id)
         return "" if schema is None else str(schema.name)
 

@@ -53,7 +53,7 @@ class Damage:
         self._behind = self._reported = False
 
     def begin(self) -> None:
-        """Record the start of damage."""
+        """Record the start of damage at one more position."""
         self.n_locations += 1
         self.unknown += 1
         self._behind, self._reported = True, False
@@ -76,7 +76,7 @@ class ChannelTally:
     """Counts the messages of one channel, and the gaps between them."""
 
     def __init__(self, channel: int, damage: Damage) -> None:
-        """`damage` is that of the whole recording, and grows while it is read."""
+        """Start without messages of a channel; `damage` is that of the whole recording, and grows while it is read."""
         self.messages = 0
         self._channel, self._damage = channel, damage
         self._last: tuple[int, int] | None = None  # number and time of the last message

@@ -146,7 +146,7 @@ FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryE
 
 
 class DamageReporter(Protocol):
-    """Callback for damage."""
+    """Function to which damage is reported."""
 
     def __call__(self, at: int, what: str, *, messages: bool = True) -> None:
         """Report damage at a byte of the file, its description, and whether messages may be lost."""
@@ -429,7 +429,7 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
 
 
 def _split(records: bytes, at: int) -> Iterator[McapRecord]:
-    """Complete records in the decompressed bytes of a chunk."""
+    """Generate the complete records in the decompressed bytes of the chunk at byte `at`."""
     begin = 0
     while begin + HEAD.size <= len(records):
         code, length = HEAD.unpack_from(records, begin)

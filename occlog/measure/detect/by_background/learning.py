@@ -72,7 +72,10 @@ class LearningFrames:
         return number % self.stride == 0
 
     def keep(self, number: int, image: Image) -> None:
-        """Keep an image selected by `wants`."""
+        """Keep the image of frame `number`, selected by `wants`.
+
+        If there are too many, every second one is dropped before.
+        """
         if len(self.images) == self.limit:
             self.images = self.images[::2]
             self.stride *= 2

@@ -89,7 +89,10 @@ class TargetMemory:
 
 
 def similarities(appearance: Floats, targets: Sequence[Target]) -> Floats:
-    """(K, T) similarity of regions (K, 72) to each target (to its most similar appearance); NaN for NaN rows."""
+    """(K, T) similarity of the appearances (K, 72) of regions to each target; NaN for NaN rows.
+
+    It is that to the target's most similar appearance.
+    """
     columns = [similarity(appearance, target.appearances).max(axis=1, initial=-np.inf) for target in targets]
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
@@ -199,7 +202,7 @@ class CameraState:
 
 @dataclass(frozen=True)
 class FrameRegions:
-    """Regions of one frame."""
+    """Regions of one frame, with its time and number."""
 
     t_ns: int
     index: int
@@ -344,7 +347,7 @@ def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: Detec
 
 
 def check_size(camera: Camera, size: tuple[int, int]) -> None:
-    """InputError unless images of this width and height fit the camera's calibration."""
+    """InputError unless images of a size (width, height) fit the camera's calibration."""
     if camera.image_size is None:
         return
     cut = np.subtract(camera.image_size, size)

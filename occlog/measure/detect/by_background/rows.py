@@ -54,7 +54,7 @@ def _gather(found: Sequence[FrameRegions]) -> _RegionFrames:
 
 
 def _cut(boxes: Floats, width: int) -> Bools:
-    """Mask of boxes that touch the left or right border of the image."""
+    """(K,) mask of boxes (K, 4) that touch the left or right border of an image of a width [px]."""
     left, right = boxes[:, 0], boxes[:, 0] + boxes[:, 2]
     cut: Bools = (left < BORDER_PX - 0.5) | (right > width - 0.5 - BORDER_PX)
     return cut

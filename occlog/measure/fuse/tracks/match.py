@@ -73,12 +73,12 @@ class GroundPositions(NamedTuple):
 
     @classmethod
     def of(cls, tracks: PeopleTracks) -> GroundPositions:
-        """Positions of all rows."""
+        """Positions and covariances of all rows of tracks."""
         tracks = tracks.with_covariance()
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
     def take(self, rows: Ints) -> GroundPositions:
-        """Select rows."""
+        """Select positions by indices."""
         return GroundPositions(*(values[rows] for values in self))
 
 
@@ -148,7 +148,7 @@ def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: fl
 
 
 def _windowed(values: Floats, t_ns: Ints, half_ns: int) -> Floats:
-    """Moving averages of values over +-`half_ns` around each time."""
+    """(n,) moving averages of values (n,) over +-`half_ns` [ns] around each of the rising times `t_ns` (n,)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     low = np.searchsorted(t_ns, t_ns - half_ns, side="left")
     high = np.searchsorted(t_ns, t_ns + half_ns, side="right")
@@ -178,7 +178,7 @@ class IdentityMatcher:
     _next: int = 0
 
     def step(self, people: list[tuple[Member, ...]]) -> list[int]:
-        """Assign an identity to each person (a set of tracks) at the next time step."""
+        """Identity of each person (a set of tracks) at the next time step; `doubts` has possible exchanges."""
         self.doubts = []
         taken: dict[int, int] = {}
         # The oldest identity goes first, to those with tracks that have had it all along
@@ -199,7 +199,7 @@ class IdentityMatcher:
         return [given[index] for index in range(len(people))]
 
     def _claims(self, people: list[tuple[Member, ...]]) -> Iterator[tuple[int, int]]:
-        """Pairs of an identity and the index of a person with a track that has it, the oldest identity first.
+        """Generate pairs of an identity and the index of a person with a track that has it, the oldest identity first.
 
         Tracks that had the identity from the start have priority.
         """

@@ -56,7 +56,7 @@ def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
 
 
 def at_times(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
-    """Resample all tracks to the time steps; rows sorted by time and identity.
+    """Resample all tracks to the time steps `times` (T,) [ns]; rows sorted by time and identity.
 
     A row at a time step is unchanged. Between rows at most `gap_ns` apart states are interpolated linearly; otherwise a
     row at most `window_ns` from a time step is moved there with its velocity.
@@ -92,7 +92,10 @@ def _one_at_times(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int)
 
 
 def _line(values: Floats, before: Ints, after: Ints, share: Floats) -> Floats:
-    """Linear interpolation between rows; the values of the row itself where `before` and `after` are the same."""
+    """(T, ...) linear interpolation between the rows `before` and `after` (T,) of values, by a share (T,) from 0 to 1.
+
+    The values of the row itself where both are the same.
+    """
     same = before == after
     between: Floats = (1.0 - share) * values[before] + share * values[after]
     return np.where(same, values[before], between)

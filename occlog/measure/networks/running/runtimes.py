@@ -22,7 +22,7 @@ from .messages import Feeds
 
 
 class Runtime(Protocol):
-    """Interface of a loaded network."""
+    """Interface of a network that is loaded in a runtime."""
 
     @property
     def called(self) -> str:
@@ -96,7 +96,7 @@ def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception],
 
 @dataclass
 class _OpenCv:
-    """Runtime `cv2.dnn`."""
+    """Network in the runtime `cv2.dnn`."""
 
     model: OnnxFile
 
@@ -124,7 +124,7 @@ class _OpenCv:
 
 @dataclass
 class _OnnxRuntime:
-    """Runtime `onnxruntime` on the CPU."""
+    """Network in the runtime `onnxruntime`, on the CPU."""
 
     model: OnnxFile
     threads: int

@@ -134,7 +134,7 @@ def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
 
 
 def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
-    """Parse the arrays of a MATLAB version 4 file."""
+    """Generate name and values of the arrays in `content`, a MATLAB version 4 file; None: not real numbers."""
     at = 0
     while at < len(content):
         order = "<" if 0 <= struct.unpack_from("<i", content, at)[0] < 1000 else ">"
@@ -280,7 +280,10 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
 
 
 def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
-    """(n, ...) matrices of one shape, cameras first; InputError if missing or if the camera axis is ambiguous."""
+    """(n, rows, columns) matrices of one shape, cameras first, of an array `value` of one or several.
+
+    InputError for another shape, or if the camera axis is ambiguous.
+    """
     if value.ndim == 2 and value.shape == shape:
         return value[None]
     if value.ndim == 3 and value.shape[1:] == shape and not (value.shape[:2] == shape and value.shape[0] == 3):
@@ -324,7 +327,7 @@ def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
 
 
 def _model(part: Mapping[str, Floats]) -> str | None:
-    """Lens model; None if not stated."""
+    """Lens model of a camera, by its value `fisheye`; None if not stated."""
     return None if "fisheye" not in part else "equidistant" if part["fisheye"].any() else "brown"
 
 

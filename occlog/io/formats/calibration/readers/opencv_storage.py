@@ -198,14 +198,14 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
 
 
 def _sizes(value: object) -> tuple[int, ...] | None:
-    """Shape of an OpenCV 5 matrix (`sizes`); None if not stated."""
+    """Shape of an OpenCV 5 matrix by the value of its `sizes`; None if not stated."""
     cells = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
     stated = cells and all(str(cell).isdecimal() and len(str(cell)) <= DIGITS for cell in cells)
     return tuple(int(cell) for cell in cells) if stated else None
 
 
 def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Width and height of the images [px]; None if not stated."""
+    """Width and height of the images [px] in the values of a file; None if not stated."""
     for width, height in SIZE:
         if width in values and height in values:
             try:

@@ -89,7 +89,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def unit_of(paths: list[Path]) -> str:
-    """Default length unit: cm for WILDTRACK, else m."""
+    """Default length unit of calibration files: cm if they are named as WILDTRACK's, else m."""
     return "cm" if {_MARK.sub("", path.stem) for path in paths} <= WILDTRACK.keys() else "m"
 
 

@@ -291,7 +291,7 @@ def _binning(part: Mapping[str, object], where: str) -> tuple[int, int]:
 
 
 def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, where: str) -> tuple[int, int, int, int]:
-    """x and y offset, width and height of the region of interest [px]; all 0 if not stated.
+    """Offsets x and y, width and height of the region of interest [px]; all 0 if not stated.
 
     `part` is the `camera_info`, `name` its file.
     """
