@@ -105,7 +105,7 @@ def _compared(
     Args:
         first: tracks of one group.
         second: tracks of the other group.
-        error: standard deviation of the groups' relative positions.
+        error: standard deviation of both beyond their covariances, per axis.
         gate: limit of the normalised distance.
         span_s: time over which distances are averaged [s].
 
@@ -131,7 +131,7 @@ def _compared(
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
     """Pairs of identities (of the first and the second group) that are within the gate at some time step.
 
-    `error` is the standard deviation of the groups' relative positions.
+    `error` is the standard deviation of both beyond their covariances, per axis.
     """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()
