@@ -126,7 +126,7 @@ def learn_from(
         samples: frames by camera.
         scene: has the cameras.
         config: of the detection.
-        boxes: of targets whose appearance is learned.
+        boxes: from which the appearance of targets is learned.
         workers: number of threads.
     """
 
