@@ -109,7 +109,15 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
 
 
 def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
-    """Image of each camera, by name, from the middle of the recording; without those that have none."""
+    """First image of each camera from the middle of the recording on, by name.
+
+    Args:
+        inputs: has the recording; without one, no camera has an image.
+        found: has the times of the observations; the middle is their median.
+
+    Returns:
+        Images; cameras without an image there, or with a damaged one, are omitted.
+    """
     recording, middle_ns = inputs.opened.recording, round(float(np.median(found.seen.time)) * NS)
     out: dict[str, Image] = {}
     for name in () if recording is None else recording.cameras:

@@ -259,7 +259,7 @@ def _loose_names(loose: Bools) -> tuple[str, ...]:
 
 
 def _after(now: _Estimate, done: Adjusted) -> Clocks:
-    """Return the camera clocks of an estimate, corrected by an adjustment."""
+    """Clocks of the cameras in the estimate `now`, plus the corrections of offset and drift in `done`."""
     return now.clocks._replace(
         late=now.clocks.late + done.values[:, LATE], drift=now.clocks.drift + done.values[:, DRIFT]
     )

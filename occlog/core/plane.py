@@ -51,7 +51,11 @@ def point_inside(x: float, y: float, polygon: Floats) -> bool:
 
 @kernel
 def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Twice the signed area of the triangle a, b, c, > 0 if counter-clockwise; 0 if within rounding."""
+    """Orientation of the triangle with the corners (ax, ay), (bx, by), (cx, cy).
+
+    Returns:
+        Twice the signed area, > 0 if counter-clockwise; 0 if it is within the rounding error.
+    """
     left = (bx - ax) * (cy - ay)
     right = (by - ay) * (cx - ax)
     cross = left - right

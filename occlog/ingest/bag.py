@@ -690,7 +690,13 @@ def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
 
 
 def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) -> None:
-    """Note that true positions are used unchanged if the bag has no transforms to their world frame."""
+    """Note that true positions are used unchanged, if no transforms of the bag relate them to the scene.
+
+    Args:
+        found: topics of the bag; without true positions there is no note.
+        placement: poses by the transforms of the bag, and their world frame.
+        note: called with the text of the note.
+    """
     if found.map.poses and placement.world is None:
         note("bag: no transforms give poses of the cameras: true positions are taken to be in the scene's world")
 

@@ -32,7 +32,16 @@ Note = Callable[[str], None]
 
 
 def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
-    """Survey cameras and frames of the box files, and note what they hold; None without files."""
+    """Read the box files to find their cameras, frames and classes, and note in one line what they hold.
+
+    Args:
+        plan: has the files and how they are read.
+        scene: has the cameras.
+        note: called with the text of the note.
+
+    Returns:
+        None if the plan has no box files.
+    """
     if not plan.boxes:
         return None
     found = survey_boxes(box_files(plan), known_cameras(plan, scene), box_options(plan))
@@ -119,7 +128,11 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
-    """Options for reading true boxes: as for boxes, but all classes are kept unless classes are given."""
+    """Options for reading true boxes: those of boxes, except for a first frame number that is stated for the truth.
+
+    All classes are kept unless the plan names some. A box of an unknown camera, without a size, or in the file twice is
+    an error.
+    """
     options = replace(box_options(plan, scene), others=False, lenient=False)
     if plan.truth_first_number is not None:
         options = replace(options, first_number=plan.truth_first_number)

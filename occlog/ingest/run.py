@@ -217,7 +217,17 @@ def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
 def _all_times(
     plan: IngestPlan, scene: Scene, sources: list[CameraSource], survey: BoxSurvey | None
 ) -> dict[str, FrameTimes]:
-    """Frame times by camera: from its images, time stamp file, table, or a given frame rate; without those unknown."""
+    """Times of the frames of each camera, by its name; a camera of which they are unknown is omitted.
+
+    They come from the camera's video or images, or else, for a camera with boxes alone, from a time stamp file, a
+    stated frame rate or the box file itself.
+
+    Args:
+        plan: inputs and options.
+        scene: has the cameras and their clocks.
+        sources: cameras with a video or images.
+        survey: of the box files; None: there are none.
+    """
     found: dict[str, FrameTimes] = {}
     cameras = [c.name for c in scene.cameras]
     sidecars = read_sidecars(plan, cameras)
@@ -334,7 +344,18 @@ def _write_tables(
 def _write_positions(
     plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
 ) -> None:
-    """Write the positions of all files, and update `done`; UsageError if a source is in two files or is a sensor."""
+    """Write the positions of all position files, and add their numbers of rows and findings to `done`.
+
+    Args:
+        plan: has the files and how they are read.
+        scene: has the sensors.
+        writer: of the recording.
+        done: what was written so far.
+        note: called with a line of text for each file.
+
+    Raises:
+        UsageError: the name of a source is in two files, or is that of a sensor.
+    """
     grid = None if plan.grid is None else parse_grid(plan.grid)
     taken = {sensor.name: f"a sensor of the scene, {sensor.name}" for sensor in scene.sensors}
     for name, path in plan.positions:
@@ -390,7 +411,18 @@ def _positions_in_words(path: Path, log: PositionLog) -> str:
 def _write_reads(
     plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
 ) -> None:
-    """Write the reads of all logs, and update `done`; a tag has the same target in all of them."""
+    """Write the reads of all tag logs, and add their numbers of rows, tags and findings to `done`.
+
+    Args:
+        plan: has the files and how they are read.
+        scene: has the readers.
+        writer: of the recording.
+        done: what was written so far.
+        note: called with a line of text for a log that was not sorted by time.
+
+    Raises:
+        InputError: a tag has different targets in two logs, or a target different tags.
+    """
     names = [r.name for r in scene.readers]
     clocks = {name: clock for name in names if (clock := clock_of(scene, name)) is not None}
     copies = Copies(several=len(plan.reads) > 1)

@@ -285,13 +285,27 @@ class TimedWriter(RecordingWriter):
     times: Times
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
-        """Add a compressed image with frame number `index`, and its time to the statistics."""
+        """Add a compressed image to the recording, and its time and content to the statistics.
+
+        Args:
+            sensor: camera.
+            t_ns: time [ns].
+            index: frame number.
+            data: compressed image.
+            kind: its format, such as `png`.
+        """
         self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         self.times.pictures.add(sensor, t_ns, hash(data))
         super().image(sensor, t_ns, index, data, kind)
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
-        """Add the time of one frame of a linked video, with frame number `index`, also to the statistics."""
+        """Add the time of one frame of a linked video to the recording and to the statistics.
+
+        Args:
+            sensor: camera.
+            t_ns: time [ns].
+            index: frame number.
+        """
         self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         super().video_frame(sensor, t_ns, index)
 

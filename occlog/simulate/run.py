@@ -123,7 +123,13 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
 
 
 def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
-    """Return the people of another file whom the simulated walkers avoid."""
+    """People of another file whom the simulated walkers avoid, as circles with the diameter of the walkers.
+
+    Args:
+        opened: the file.
+        scene: has the unit of length.
+        world: diameter and time steps.
+    """
     taken = PeopleAsObstacles(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
     )
@@ -170,7 +176,10 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
-    """Return the settings of randomly walking objects; with video, they keep half a diameter from walls by default."""
+    """Settings of randomly walking objects.
+
+    With video, they keep at least half a diameter from walls unless the user sets `wall_clearance`.
+    """
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
     if request.render and "wall_clearance" not in request.world:
@@ -364,7 +373,13 @@ def _recorded(
 
 
 def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig) -> int:
-    """Count the time steps, summed over walkers, at which a person is closer to a walker than one diameter."""
+    """Count the time steps, summed over walkers, at which a person is closer to a walker than one diameter.
+
+    Args:
+        chunk: positions of walkers at some time steps.
+        people: whom the walkers avoid.
+        world: diameter and time steps.
+    """
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [
         distance(positions[:, None, :2], people.at(int(number)).xy)

@@ -100,7 +100,14 @@ def simulate_truth(
 
 
 def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: MovingObstacleTracks | None) -> Avoidance:
-    """Return the potential-field settings of objects that avoid obstacles."""
+    """Settings of the potential field by which objects avoid obstacles.
+
+    Args:
+        scene: has the static occluders.
+        config: of the world: speed, diameter and time step.
+        field: of the potential field.
+        people: whom the objects avoid, too; None: nobody.
+    """
     return Avoidance(
         field=field_of(field),
         steps=steps_of(field, config.speed * config.step_s, 0.5 * config.diameter),

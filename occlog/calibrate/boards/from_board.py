@@ -33,7 +33,15 @@ COVERAGE, RESIDUAL = "board coverage", "board residuals"
 
 
 def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutput:
-    """Calibrate the lens of each camera by images of a board; UsageError for options that are for people only."""
+    """Calibrate the lens of each camera by images of a board.
+
+    Args:
+        request: has the board and the images.
+        job: shows the progress.
+
+    Raises:
+        UsageError: an option applies to calibration by people only.
+    """
     given: dict[str, object] = {"scene": request.scene, "ignore_poses": request.ignore_poses, "focal": request.focal}
     given |= {
         "radial": request.radial,

@@ -229,7 +229,13 @@ class _Problem:
 
     @classmethod
     def of(cls, heard: Directions, paths: Sequence[Path], prior: ArrayPrior) -> _Problem:
-        """Create the problem: paths on a grid of times, and at most `MAX_DIRECTIONS` directions at times near to it."""
+        """Create the problem of one array.
+
+        Args:
+            heard: directions of the array; at most `MAX_DIRECTIONS` of them near the times of the paths are kept.
+            paths: of people; they are interpolated to a grid of times `STEP_S` apart.
+            prior: of the array: units in a metre and the largest offset of its clock.
+        """
         start = min(float(p.t_s[0]) for p in paths)
         stop = max(float(p.t_s[-1]) for p in paths)
         times: Floats = start + STEP_S * np.arange(int((stop - start) / STEP_S) + 2, dtype=np.float64)
@@ -281,7 +287,11 @@ def _spread(rows: Ints, most: int) -> Ints:
 
 
 def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
-    """Maxima of the likelihood, the largest first, distinct from each other; only the first has a covariance."""
+    """Search for the maxima of the likelihood: from many starts with few directions, then from the best with all.
+
+    Returns:
+        Maxima, the largest first, that are not close to each other; only the first has a covariance.
+    """
     part = problem.part()
     first = [_climbed(part, values, FEW_STEPS, ANNEALING) for values in _starts(part, prior)]
     first.sort(key=lambda each: -each.gain)

@@ -299,5 +299,5 @@ def _rising(values: Floats) -> np.ndarray:
 
 
 def _numbers(keys: np.ndarray) -> Floats:
-    """Map the integers of `_rising` back to floats."""
+    """Map unsigned integers (n,) that `_rising` made back to the floats (n,); its inverse."""
     return np.where(keys & SIGN, keys & ~SIGN, ~keys).view(np.float64)

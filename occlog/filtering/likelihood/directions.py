@@ -135,7 +135,18 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 @kernel
 def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
-    """(L,) sum over the measurements of report k of share times density, for target positions `xy` (L, 2)."""
+    """Likelihood of one report of a scan at given target positions.
+
+    Args:
+        xy: (L, 2) positions.
+        k: index of the report.
+        scan: has the measurements of the report, their variances and shares.
+        sensors: has the position of the sensor.
+        noise: of measurements in pixels.
+
+    Returns:
+        (L,) sum over the measurements of the report of share times density.
+    """
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
     for m in range(scan.first[k], scan.first[k + 1]):

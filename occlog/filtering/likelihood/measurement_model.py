@@ -36,7 +36,7 @@ class LinearisedRows(NamedTuple):
     labelled: Bools  # (R,) false: a candidate, which may be of anything
 
     def take(self, which: Bools | Ints) -> LinearisedRows:
-        """Select rows by a mask or indices."""
+        """Select rows by a mask or by indices `which`; the given ones are not changed."""
         return LinearisedRows._make(column[which] for column in self)
 
 

@@ -450,7 +450,15 @@ def velocities(particles: WaypointParticles) -> Floats:
 def start_particles(
     xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator
 ) -> WaypointParticles:
-    """Create particles at positions `xy` (L, 2) with random destinations and speeds |N(speed, speed_spread^2)|."""
+    """Create particles with random destinations and speeds, all in the regime `TOWARDS`.
+
+    Args:
+        xy: (L, 2) positions.
+        floor: on which destinations are uniformly distributed.
+        speed: mean of the normal distribution of which speeds are absolute values [length/s].
+        speed_spread: its standard deviation [length/s].
+        rng: generator that is used.
+    """
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))
     return WaypointParticles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))
 

@@ -227,10 +227,10 @@ def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
 
 
 def select(walkers: Walkers, rows: object) -> Walkers:
-    """Select objects by a mask or indices."""
+    """Select rows of `walkers` by a mask or by indices `rows`; the given ones are not changed."""
     return Walkers(*(column[rows] for column in walkers))  # type: ignore[call-overload]
 
 
 def concat(first: Walkers, second: Walkers) -> Walkers:
-    """Concatenate two sets of objects."""
+    """Concatenate the objects of `first` and `second`, in this order."""
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))

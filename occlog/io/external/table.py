@@ -220,7 +220,19 @@ class ForeignTable:
         return list(zip(*columns, strict=True)) if names else [()] * len(cells)
 
     def _values(self, cells: TableCells, s: Spelling, layout: TableLayout) -> NDArray[np.generic]:
-        """(n,) or (n, width) values of the column that `s` is the spelling of, in the table's unit."""
+        """Values of one column of a table, converted to the unit of the table's own column.
+
+        Args:
+            cells: rows of the file.
+            s: column, and the name and unit that it has in the file.
+            layout: of the table, which decides what stands for empty cells.
+
+        Returns:
+            (n,), or (n, width) of a column of lists.
+
+        Raises:
+            InputError: a value is missing, out of range, or so large that it must be in another unit.
+        """
         c = s.column
         if c.name == TIME:
             return _times(cells, s)

@@ -342,7 +342,11 @@ def _remedied(path: Path, what: str) -> str:
 
 
 def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:
-    """Facts about rotation or reflection stated by the file; only multiples of 90 degrees are applied."""
+    """How a file says that its pictures are rotated or mirrored, as at most one fact.
+
+    It is `pictures-turned` if the decoder applies this, `pictures-not-turned` if not. Of rotations, those by multiples
+    of 90 degrees are applied.
+    """
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
     if container is not None and container.mirror:
         applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"

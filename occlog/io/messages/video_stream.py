@@ -233,7 +233,18 @@ class StreamReader:
 
 
 def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
-    """Width and height stated in a message of a video stream; None if absent; InputError for a damaged one."""
+    """Width and height [px] that a message of a video stream states.
+
+    Args:
+        data: the message.
+        encoding: of the stream, a key of `CODECS` such as `h264`.
+
+    Returns:
+        None if the message does not state them.
+
+    Raises:
+        InputError: the message is damaged.
+    """
     reader = StreamReader(encoding)
     reader.read(data)
     return reader.size

@@ -185,7 +185,14 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
 
 
 def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:
-    """Data of the attachment at byte `offset`, of a record of `length` bytes; InputError for a wrong check sum."""
+    """Data of an attachment of a recording; InputError for a wrong check sum, or an incomplete record.
+
+    Args:
+        path: file, for messages.
+        file: the same file, open for reading.
+        offset: byte at which the record of the attachment begins.
+        length: of the record [bytes].
+    """
     file.seek(offset)
     raw = file.read(length)
     crc = struct.unpack("<I", raw[-4:])[0]

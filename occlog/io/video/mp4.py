@@ -141,7 +141,10 @@ class _Mp4Fragments:
 
 
 def _track_defaults(data: mmap.mmap, moov: ByteRange, track_id: int) -> tuple[int, int]:
-    """Default duration [ticks] and size [bytes] of the samples of track `track_id` in fragments; 0 if not stated."""
+    """Default duration [ticks] and size [bytes] of the samples of track `track_id` in fragments; 0, 0 if not stated.
+
+    They are in a box `trex` of the box `moov` of the file `data`.
+    """
     mvex = find_box(data, moov, b"mvex")
     for trex in boxes(data, mvex.start, mvex.stop) if mvex is not None else ():
         if trex.kind == b"trex" and unpack(data, ">I", trex.start + 4)[0] == track_id:

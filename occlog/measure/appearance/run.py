@@ -157,7 +157,14 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 def _figures(gallery: Gallery, tally: SightingTally) -> dict[str, object]:
-    """Figures of the summary; `sides` lists the viewing angles learned for each target."""
+    """Figures of the summary: numbers of frames, boxes and samples, and what the gallery holds.
+
+    `sides` has the angles learned for each target, as text, by the target's id.
+
+    Args:
+        gallery: what was learned.
+        tally: what was read.
+    """
     sides: dict[int, list[int]] = {}
     for target, angle in zip(gallery.target_id.tolist(), gallery.angle.tolist(), strict=True):
         sides.setdefault(target, []).append(angle)

@@ -60,7 +60,15 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
 
 
 def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
-    """(n,) reason why a box has no usable appearance, `covered` or `pixels`; empty if it has."""
+    """Why boxes have no usable appearance.
+
+    Args:
+        sighting: n boxes with their occlusion and their numbers of pixels.
+        config: limits of both.
+
+    Returns:
+        (n,) `covered` if too much of the box is occluded, else `pixels` if it has too few; empty if it is usable.
+    """
     few = sighting.pixels < config.min_pixels
     return np.where(sighting.covered > config.max_occlusion, COVERED, np.where(few, PIXELS, ""))
 

@@ -93,7 +93,19 @@ class LabelTally:
 
 
 def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Match boxes with the gallery and write the matches; return the summary and the losses."""
+    """Match boxes with a gallery of appearances, and write the matches; name tracks by them if asked.
+
+    Args:
+        request: inputs, outputs and settings.
+        job: writes the outputs.
+
+    Returns:
+        Summary, and losses of the inputs.
+
+    Raises:
+        UsageError: named tracks are asked for without tracks.
+        InputError: no box could be compared.
+    """
     if request.reidentified is not None and request.tracks is None:
         raise UsageError(
             f"{option('reidentified')}: needs tracks to rename; give {option('tracks')}", id="missing-option"

@@ -207,7 +207,13 @@ def in_colour(image: Image) -> Image:
 
 
 def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Detections:
-    """Return views, bearings and losses of processed frames."""
+    """Views, bearings and losses of some frames.
+
+    Args:
+        seen: frames with their boxes, descriptions and colours; those without boxes (None) could not be used.
+        scene: has the cameras.
+        config: of the detection, except for the minimum confidence, by which the boxes are already selected.
+    """
     good = [each for each in seen if each.boxed is not None]
     # Boxes come by falling area, as views are numbered: rows of both tables are in one order.
     tables = [_boxes(each.frame, each.boxed) for each in good if each.boxed is not None]

@@ -149,7 +149,7 @@ def _figures(tally: Counter[str]) -> dict[str, int]:
 def _fused(
     detections: Iterator[Detections], scene: Scene, config: FuseConfig, tally: FuseTally
 ) -> Iterator[Detections]:
-    """Generate the parts after fusion, and count their rows in `tally`."""
+    """Fuse the detections of several cameras part by part, generate them, and count their rows in `tally`."""
     for part in fuse(detections, scene, config):
         tally.add(part)
         yield part.detections
@@ -480,7 +480,13 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
 
 
 def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more: object) -> dict[str, object]:
-    """Summary: written tables, `more`, and numbers of frames, boxes and rows."""
+    """Figures of the summary: paths of the written tables, `more`, and numbers of frames, boxes and rows of bearings.
+
+    Args:
+        request: has the paths.
+        tally: counts by name.
+        **more: figures that are put between the paths and the numbers.
+    """
     bearings = {} if request.bearings is None else {"bearings": str(request.bearings)}
     counts = {"frames": tally["frames"], "boxes": tally["regions"]} | ({"rows": tally["rows"]} if bearings else {})
     return {"views": str(request.output), **bearings, **more, **counts}

@@ -130,7 +130,15 @@ def _checks(
 
 
 def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMatches, ...]:
-    """Matches of the selected cameras; InputError if there are none."""
+    """Matches between images of two cameras, from a file of matches or from tracks.
+
+    Args:
+        request: has the files, and the cameras that are selected; none: all.
+        config: which point of a person is matched.
+
+    Raises:
+        InputError: no pair of the selected cameras has matches.
+    """
     found = _of_tracks(request.tracks, config.points) if request.tracks is not None else ()
     if request.matches is not None:
         found = read_matches(request.matches)

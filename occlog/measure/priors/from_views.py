@@ -147,7 +147,16 @@ def _time_steps(
 
 
 def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene) -> Iterator[_Frame]:
-    """Generate frames sorted by time; one that is in both tables occurs twice, its clusters first."""
+    """Merge views and the frames of bearings by time.
+
+    Args:
+        views: clusters in frames, by rising time.
+        frames: bearings, of which only time and camera count: there was a frame; None: not given.
+        scene: has the cameras.
+
+    Returns:
+        Generator of frames by rising time; a frame in both tables occurs twice, first with its clusters.
+    """
     streams = [_split(views, scene)]
     if frames is not None:
         streams.append(_split(frames, scene))

@@ -86,7 +86,18 @@ def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
 
 
 def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
-    """True positions (T, n, 3) and rotations of the n balls in all T frames; InputError without sufficient room."""
+    """Simulate the movement of the balls, in all frames.
+
+    Args:
+        config: number and size of the balls, their speed, the images and the number of frames.
+        seed: of the random numbers.
+
+    Returns:
+        (T, n, 3) centres and the rotations of n balls in T frames.
+
+    Raises:
+        InputError: the balls do not fit into the space that all views see.
+    """
     reach = ball_box(config) - config.radius
     if not (reach > 0).all():
         raise InputError(

@@ -96,7 +96,7 @@ def run_balls(request: BallsRequest, job: Job) -> JobResult:
 
 
 def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
-    """Provenance of the recording with its settings; views as yaw and pitch [deg]."""
+    """Provenance of the recording: its settings, frame rate and seed, and the views as yaw and pitch [deg]."""
     values = asdict(setup.config)
     values["views"] = [list(view) for view in VIEWS[: setup.config.views]]
     made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store.store, "grey": setup.store.grey}
@@ -106,7 +106,18 @@ def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
 def _write_truth(
     writer: RecordingWriter, setup: BallsSetup, paths: BallPaths, frame: BallsFrame, counts: Counter[str]
 ) -> int:
-    """Write the ground truth of one frame, positions and boxes, and update `counts`; return the time [ns]."""
+    """Write the true positions of one frame, and the true boxes in all views.
+
+    Args:
+        writer: of the recording.
+        setup: settings and scene.
+        paths: true paths of the balls.
+        frame: boxes and number of the frame.
+        counts: numbers of frames, boxes and hidden balls, which are increased.
+
+    Returns:
+        Time of the frame [ns].
+    """
     t_ns = START_NS + int(step_times(frame.frame, 1, 1.0 / setup.rate_hz)[0])
     writer.table(balls_truth(paths.centres[frame.frame], t_ns))
     for boxes in balls_boxes(frame, setup.scene.cameras, t_ns):

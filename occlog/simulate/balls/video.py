@@ -195,7 +195,7 @@ def _view_canvas(config: BallsConfig, seed: int, number: int, camera: Camera) ->
 
 
 def _background(config: BallsConfig, rng: np.random.Generator) -> Floats32:
-    """(H, W, 3) mottled background with patches in the colours of the balls."""
+    """(height, width, 3) mottled background, levels 0 to 255, with rectangular patches in the colours of the balls."""
     height, width = config.height, config.width
     x, y = (a.ravel().astype(np.float64) for a in np.meshgrid(np.arange(width), np.arange(height)))
     grain_seed = int(rng.integers(1 << 20))

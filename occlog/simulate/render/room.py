@@ -207,7 +207,16 @@ def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
 
 
 def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: int) -> None:
-    """Render the image rows from `top` up to, not including, `bottom` of the background `out`, in place."""
+    """Render some rows of the image of the empty room, in place.
+
+    Args:
+        out: background with the directions of its pixels; colours, depths, positions on the floor and the light there
+            are written.
+        camera: from which the room is seen.
+        solid: walls, floor and static occluders with their colours.
+        top: first row.
+        bottom: row behind the last one.
+    """
     width = out.depth.shape[1]
     rays = out.rays[top:bottom].reshape(-1, 3).astype(np.float64)
     t, hit = cast(

@@ -110,7 +110,19 @@ def try_into(
     ground: Ground,
     diameter: float,
 ) -> bool:
-    """Move object i of `xy` (n, 2) by (ux, uy) in place if way and new position are free; return whether it moved."""
+    """Move an object by a step, in place, if the new position is not too close to another object and the way is free.
+
+    Args:
+        xy: (n, 2) positions; row `i` is changed.
+        i: the object.
+        ux: step along x.
+        uy: step along y.
+        ground: floor and obstacles.
+        diameter: of the objects.
+
+    Returns:
+        Whether it moved.
+    """
     bx, by = xy[i, 0] + ux, xy[i, 1] + uy
     if first_hit(xy, i, bx, by, diameter) >= 0:
         return False

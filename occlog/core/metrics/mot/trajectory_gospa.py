@@ -40,7 +40,7 @@ class TrajectoryPairs(NamedTuple):
     cost: Floats  # distance^p, below c^p
 
     def take(self, rows: Ints | Bools) -> TrajectoryPairs:
-        """Select pairs by a mask or indices."""
+        """Select pairs by a mask or by indices `rows`; the given ones are not changed."""
         return TrajectoryPairs._make(column[rows] for column in self)
 
     def joined(self, more: TrajectoryPairs) -> TrajectoryPairs:
@@ -121,7 +121,7 @@ class FixedPairs(NamedTuple):
 
     @classmethod
     def of(cls, truth: Ints, track: Ints, first: Ints, last: Ints) -> FixedPairs:
-        """Return segments of pairs that have not been processed yet: `before` and `behind` are False."""
+        """Create segments of pairs with `before` and `behind` False; all arguments are (n,), see the attributes."""
         no = np.zeros(len(truth), dtype=np.bool_)
         return cls(truth, track, first, last, no, no.copy())
 

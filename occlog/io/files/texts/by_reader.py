@@ -127,14 +127,24 @@ def text_of(path: Path, what: str) -> str | None:
 
 @lru_cache(maxsize=4)
 def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
-    """Cached text of a file in a state (time of modification [ns] and size), by a reader with settings `values`."""
+    """Text with a header line of the file `path`, by a reader plug-in; the four latest texts are cached.
+
+    Args:
+        plugin: the reader.
+        values: names and values of its settings.
+        path: the file.
+        state: time of modification [ns] and size [bytes]; only part of the key of the cache.
+    """
     columns = columns_of(Chosen(plugin, dict(values)), path)
     with plugin_errors(plugin):
         return as_text(columns)
 
 
 def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
-    """Columns, by name, that a reader plug-in finds in a file; errors as in `text_of`."""
+    """Columns of a file, by name, that the reader plug-in `chosen` returns, all of one length.
+
+    Errors are those of `text_of`.
+    """
     reader: Reader = chosen.make(UNIT)
     label = f"{path}: "
     with plugin_errors(chosen.plugin):

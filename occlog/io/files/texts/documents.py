@@ -33,7 +33,13 @@ FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
 
 
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
-    """Write one JSON object atomically; NaN and infinity become null."""
+    """Write one JSON object atomically; NaN and infinity become null.
+
+    Args:
+        path: file.
+        values: by key; keys are sorted in the file.
+        overwrite: replace an existing file; else it is an OutputExistsError.
+    """
     text = spelled(json.dumps(_plain(values), sort_keys=True, indent=2))
     write_bytes(path, f"{text}\n".encode(), overwrite)
 

@@ -66,7 +66,7 @@ class BoundedLoader(_SafeLoader):
         self._nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose the next node, a key, a value or an alias, and count it."""
+        """Compose the next node, a key, a value or an alias; _TooManyError for more than 2 `MAX_NODES` of them."""
         self._nodes += 1
         if self._nodes > 2 * MAX_NODES:
             raise _TooManyError
@@ -122,7 +122,10 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
 
 
 def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
-    """InputError for a lone surrogate, and for a number with too many digits."""
+    """Check the text of a YAML scalar; InputError for a lone surrogate, or a number that is too long.
+
+    At most `LONGEST_NUMBER` characters are allowed. `where` is the file, for messages.
+    """
     location = f"{where}: line {node.start_mark.line + 1}"
     check_text(node.value, location)
     if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
@@ -179,7 +182,7 @@ class _Loader(BoundedLoader):
 
 
 def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
-    """Construct a number, or a text if it has colons (YAML 1.1 reads such as sexagesimal)."""
+    """Convert a scalar that YAML takes for a number; one with colons (sexagesimal in YAML 1.1) is returned as text."""
     if ":" in node.value:
         return str(node.value)
     whole = node.tag.endswith(":int")

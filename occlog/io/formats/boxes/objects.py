@@ -257,7 +257,15 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
 
 
 def _categories(path: Path, categories: object) -> dict[object, str]:
-    """Names of the COCO classes by number; InputError if two have one number."""
+    """Names of the COCO classes by their ids.
+
+    Args:
+        path: file, for messages.
+        categories: value of `categories` in the file.
+
+    Raises:
+        InputError: `categories` is not a list of objects with ids, or classes of different names have one id.
+    """
     if not isinstance(categories, list):
         raise InputError(f"{path}: categories of COCO are {str(categories)[:40]}; a list was expected")
     names: dict[object, str] = {}

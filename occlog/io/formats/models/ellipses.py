@@ -118,7 +118,11 @@ def _csv_rows(part: TextPart, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
 
 
 def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
-    """InputError for a centre outside the image of a size [px], or an axis longer than its diagonal."""
+    """Check an ellipse against the `width` and `height` of the camera's images [px].
+
+    Raises:
+        InputError: its centre is outside the image, or half an axis is longer than the image's diagonal.
+    """
     for name, value, most in (("x_px", given.ellipse[0], width), ("y_px", given.ellipse[1], height)):
         if not -0.5 <= value <= most - 0.5:
             raise InputError(

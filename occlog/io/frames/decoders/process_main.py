@@ -196,7 +196,14 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
 
 
 def _send_image(out: BinaryIO, header: DecoderMessage, image: Image, slots: Slots | None) -> None:
-    """Send a header with an image through shared memory, or after the header if it does not fit."""
+    """Send an image to the parent process: through shared memory if it fits there, else after the header.
+
+    Args:
+        out: pipe to the parent.
+        header: message that precedes the image; shape and slot are added to a copy of it.
+        image: pixels.
+        slots: shared memory; None: there is none.
+    """
     slot = None if slots is None else slots.deliver(image)
     if slot is None:
         send(out, {**header, "s": image.shape}, bytes_of(image))

@@ -441,7 +441,16 @@ def _split(records: bytes, at: int) -> Iterator[McapRecord]:
 
 
 def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
-    """Position, from byte `at` on, of the next plausible compressed chunk or recording; None if there is none."""
+    """Search a damaged file for the next plausible compressed chunk or beginning of a recording.
+
+    Args:
+        file: open for reading.
+        at: byte at which the search begins.
+        size: of the file [bytes].
+
+    Returns:
+        Byte at which it begins, at least `at`; None if there is none.
+    """
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, (*_MARKS, BEGIN)))
     begin, length = at, _FIRST_BLOCK

@@ -171,7 +171,15 @@ def sample_frames(
 
 
 def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
-    """Set image shape, downscaling factor and number of samples from the first image of the camera `name`."""
+    """Set shape, downscaling factor and maximum number of samples by the first image of a camera, in place.
+
+    Args:
+        samples: of the camera; changed.
+        image: the first one.
+        name: of the camera.
+        scene: has the cameras.
+        config: of the detection.
+    """
     samples.shape = image.shape
     samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
     samples.limit = sample_limit(downscale(image, samples.shrink).nbytes, len(scene.cameras))
@@ -187,7 +195,17 @@ def sample_limit(image_bytes: int, n_cameras: int) -> int:
 
 
 def _study(samples: LearningFrames, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
-    """Return the empty scene, and sizes of people unless the camera's pose determines them; None without images."""
+    """Learn the empty scene of a camera and, if its pose does not determine them, the sizes of people in its images.
+
+    Args:
+        samples: downscaled images of the camera.
+        camera: has the pose.
+        scene: has unit and room.
+        config: of the detection; may state the sizes.
+
+    Returns:
+        None without images.
+    """
     if not samples.images:
         return None
     sizes = known_sizes(camera, scene, samples.size, config)

@@ -29,7 +29,15 @@ class _RegionFrames(NamedTuple):
 
 
 def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views, Bearings]:
-    """Convert the regions of one camera's frames to views and bearings; updates its memory of the targets."""
+    """Convert the regions of some frames of one camera to rows of views and bearings.
+
+    Args:
+        state: camera, settings, and its memory of the targets, which is updated.
+        found: regions of each frame, by rising time.
+
+    Returns:
+        Views and bearings, both empty without frames.
+    """
     if not found or state.setup is None:
         return Views.empty(), Bearings.empty()
     frames = _gather(found)

@@ -74,7 +74,15 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
 def _checks(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> tuple[Check, ...]:
-    """Checks of the inputs, with their findings; lengths are in `unit`."""
+    """Checks that every group has tracks, and that groups agree with those before them.
+
+    Args:
+        paths: file of each group.
+        groups: tracks of each group.
+        fused: has the agreement of each group but the first with those before.
+        config: error of the registration of groups.
+        unit: of lengths, for messages.
+    """
     anybody = any(len(group) for group in groups)
     empty = (
         finding(FOUND, "group-without-tracks", file=str(path))

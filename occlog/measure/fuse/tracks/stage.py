@@ -280,7 +280,7 @@ def _covariances(tracks: PeopleTracks) -> Floats:
 
 
 def _united(first: str, second: str) -> str:
-    """Union of two comma-separated lists of names, in order."""
+    """Union of two comma-separated lists of names: those of `first`, then the others of `second`; no empty ones."""
     return ",".join(dict.fromkeys(name for text in (first, second) for name in text.split(",") if name))
 
 

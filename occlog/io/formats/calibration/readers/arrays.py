@@ -302,7 +302,20 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
-    """Rearrange the array `key` into the parts of n cameras, cameras first; InputError if it does not fit."""
+    """Rearrange an array of a file so that the first axis is that of the cameras.
+
+    Args:
+        value: the array.
+        key: what it is: P, K, R, t, size, fisheye, ...
+        n: number of cameras.
+        path: file, for messages.
+
+    Returns:
+        (n, 3, 4) for P, (n, 3, 3) for K and for R as matrices, else (n, number of values).
+
+    Raises:
+        InputError: the shape does not fit n cameras.
+    """
     if key in ("P", "K"):
         return _stack(value, (3, 4) if key == "P" else (3, 3), path)
     if key == "R" and value.ndim >= 2 and value.shape[-2:] != (1, 3) and value.size == 9 * n:

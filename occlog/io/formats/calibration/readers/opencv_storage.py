@@ -175,7 +175,19 @@ def _plain(text: str) -> object:
 
 
 def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> Floats:
-    """First of the named values that is present, as an array of floats; InputError if none is, or it is no matrix."""
+    """First of several keys that is present in a file, as an array of floats.
+
+    Args:
+        values: of the file, by key.
+        names: keys to look for, in this order.
+        where: file and camera, for messages.
+
+    Returns:
+        The array, of the shape that an OpenCV matrix states, or that of nested lists.
+
+    Raises:
+        InputError: no key is present, or the value is no array of numbers of the stated shape.
+    """
     key = next((name for name in names if name in values), None)
     if key is None:
         raise InputError(f"{where}: has none of {', '.join(names)}; add one", id="missing-value")

@@ -38,7 +38,14 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def matrix_of(text: str) -> Floats:
-    """Parse a matrix separated by spaces or commas; ValueError if it is not one."""
+    """Parse the text of a matrix: a row per line, values separated by spaces or commas; lines with # are skipped.
+
+    Returns:
+        (rows, columns) matrix.
+
+    Raises:
+        ValueError: a value is not a number, or rows have different lengths.
+    """
     rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
     return np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
 

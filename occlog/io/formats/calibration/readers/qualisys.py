@@ -67,7 +67,10 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _is_active(element: Element, path: Path) -> bool:
-    """Whether a camera is in use (attribute `active`); InputError for another value than 0 and 1."""
+    """Whether a camera is in use, by the attribute `active` of its `element`, which may be missing (in use).
+
+    InputError unless it is 0, 1, false or true.
+    """
     stated = element.get("active", "1").lower()
     if stated not in ("0", "1", "false", "true"):
         raise InputError(f"{path}: camera {element.get('serial')}: active is {stated}; 0 or 1 was expected")

@@ -307,7 +307,10 @@ def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, whe
 
 
 def _whole(value: object, where: str) -> int:
-    """Return a whole number; 0 if it is not stated (None), InputError for anything else."""
+    """Return `value` if it is a whole number, 0 if it is None (not stated); InputError for anything else.
+
+    `where` is the file and key, for messages.
+    """
     if value is None:
         return 0
     if not isinstance(value, int) or isinstance(value, bool):
