@@ -187,9 +187,16 @@ def _write_bag(
     done: Ingested,
     job: Job,
 ) -> None:
-    """Write images and rows of a bag, in one pass; counts, losses and findings are added to `done`.
+    """Write images and rows of a bag to the recording, in one pass.
 
-    `turn` is the transform to the levelled world; None: it is upright.
+    Args:
+        bag: its topics and the poses of its cameras.
+        plan: inputs and options.
+        scene: has sensors and clocks.
+        turn: transform to the levelled world; None: the world is upright.
+        writer: of the recording.
+        done: what was written so far; counts, losses and findings are added.
+        job: shows the progress, and has the messages.
     """
     clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
     with Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn) as taking:

@@ -195,9 +195,16 @@ def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:
-    """Start time [ns], `after_ns` after the first row, and the rows of all steps from then on, with a margin.
+    """Read the rows of a table that all steps need, and the longest gap (`people.max_gap_s`) before and after.
 
-    The margin is the longest gap of `people` before the first step and after the last. The start is 0 without rows.
+    Args:
+        opened: file.
+        table: kind of table.
+        after_ns: time from the first row to the first step [ns].
+        people: settings: gap, number of steps and time between them.
+
+    Returns:
+        Time of the first step [ns], 0 if the table is empty; and the rows.
     """
     gap_ns, most_ns = round(people.max_gap_s * NS), round((people.steps + 1) * people.step_s * NS)
     parts: list[T] = []

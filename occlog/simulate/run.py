@@ -188,9 +188,15 @@ def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
 
 
 def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> WorldConfig:
-    """Return step count, step times and sizes for scripted paths.
+    """Number and duration of time steps, numbers of objects and their sizes for scripted paths.
 
-    Options override the paths file, which overrides defaults.
+    Args:
+        scene: has the unit of length.
+        request: options, which override the paths file.
+        script: contents of the paths file, which override the defaults.
+
+    Raises:
+        InputError: scene and paths have different units, or the frame rate of the paths file is not allowed.
     """
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(
@@ -335,9 +341,14 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Ti
 def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | TimeGrid]:
-    """Yield the chunks of truth, writing each with the sensors' simulated measurements to the recording.
+    """Generate the chunks of the truth, and write each with the sensors' simulated measurements to the recording.
 
-    `start` is as in `_truth`; `counts` of the summary is updated.
+    Args:
+        writer: of the recording.
+        setup: scene and settings.
+        seed: of the random numbers.
+        start: (n, 2) first positions of random walks; None: random.
+        counts: of the summary: numbers of rows are added.
     """
     truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)

@@ -86,9 +86,20 @@ def film(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Render all cameras along the chunks of truth; write video frames and true boxes, and update `counts`.
+    """Render the images of all cameras along the true paths, and write them and the true boxes.
 
-    Nothing is done without settings of the renderer.
+    Images go into the recording, or into a video file per camera next to it. Nothing is done without settings of the
+    renderer.
+
+    Args:
+        writer: of the recording.
+        setup: scene and settings.
+        output: file of the recording.
+        chunks: true paths.
+        seed: of the random numbers.
+        counts: of the summary: frames, boxes and bytes are added.
+        overwrite: replace existing video files.
+        quiet: no progress is shown.
     """
     if setup.render is None:
         return
@@ -121,9 +132,18 @@ def _film_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> dict[str, LosslessVideo]:
-    """Write the frames to one video file per camera, and their true boxes; return the closed files by camera.
+    """Write the frames to one video file per camera, and their true boxes to the recording.
 
-    `paths` has the file of each camera; `counts` is updated.
+    Args:
+        writer: of the recording.
+        setup: scene and settings.
+        paths: file of each camera.
+        frames: rendered, by time.
+        counts: of the summary: frames and boxes are added.
+        overwrite: replace existing files.
+
+    Returns:
+        Videos by camera, complete and closed.
     """
     videos: dict[str, LosslessVideo] = {}
     with ExitStack() as stack:

@@ -162,9 +162,19 @@ def visibility_probability(
 def blocking_probabilities(
     xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """(M, n) probabilities q that each of M occluders hides the positions `xy[rows]` from a camera at (x0, y0).
+    """Probabilities q that single moving occluders hide positions from a camera.
 
-    Arguments as in `visibility_probability`.
+    Args:
+        xy: (L, 2) positions.
+        rows: (n,) indices of those that are wanted.
+        x0: position of the camera.
+        y0: position of the camera.
+        priors: of the M occluders.
+        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
+        far: standard deviations at which a normal distribution counts as over.
+
+    Returns:
+        (M, n) probabilities, by occluder and position.
     """
     n = rows.shape[0]
     out = np.zeros((priors.sigma.shape[0], n))
@@ -396,10 +406,23 @@ def fit(n: int) -> Floats:
 def unhidden_over(
     grid: HiddenGrid, xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """(n,) approximation of `visibility_probability` by interpolation on the grid.
+    """Probabilities that positions are not hidden from a camera, interpolated on a grid.
 
-    If the grid is not faster, the camera too near, or the error too large, the exact value. Arguments as in
-    `visibility_probability`; `grid` is that of the positions `xy`.
+    They approximate `visibility_probability`, and are exact where the grid is not faster, the camera is too near to it,
+    or the error would be too large.
+
+    Args:
+        grid: that of the positions `xy`.
+        xy: (L, 2) positions.
+        rows: (n,) indices of those that are wanted.
+        x0: position of the camera.
+        y0: position of the camera.
+        priors: of the moving occluders.
+        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
+        far: standard deviations at which a normal distribution counts as over.
+
+    Returns:
+        (n,) probabilities.
     """
     nx, ny = grid.first.shape[0], grid.second.shape[0]
     away = math.sqrt((grid.x - x0) ** 2 + (grid.y - y0) ** 2)

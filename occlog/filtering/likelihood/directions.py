@@ -97,10 +97,19 @@ class DetectionModel(NamedTuple):
 def add_pixel(
     out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: MeasurementNoise
 ) -> None:
-    """Add `share` times the density of a reading z [px] of camera i at positions `xy` (L, 2) to `out` (L,), in place.
+    """Add the density of a horizontal pixel coordinate that a camera measured to sums over positions, in place.
 
-    [Ercan] Eq. 1 with the variance of Eq. 2, of which `variance` [px^2] is the reading's own part; nothing is added
-    behind the camera (d <= 0).
+    This is [Ercan] Eq. 1 with the variance of Eq. 2. Nothing is added behind the camera (d <= 0).
+
+    Args:
+        out: (L,) sums; changed.
+        xy: (L, 2) positions of the target.
+        i: index of the camera.
+        z: measurement [px], from the optical axis.
+        variance: of the reading itself [px^2]; that by the errors of the camera's pose is added.
+        share: factor of the density.
+        sensors: has positions and axes of the cameras.
+        noise: has focal lengths and the errors of the poses.
     """
     x0, y0, c, s = sensors.xy[i, 0], sensors.xy[i, 1], sensors.axis[i, 0], sensors.axis[i, 1]
     f, sigma_position, yaw2 = noise.focal_px[i], noise.sigma_position[i], noise.sigma_yaw[i] ** 2
@@ -353,9 +362,20 @@ def _independent(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """(L,) log-likelihoods of a scan, with cameras taken as independent given the position.
+    """Log-likelihoods of a scan for target positions, with cameras taken as independent given the position.
 
-    Arguments as in `log_likelihood_among`.
+    Args:
+        xy: (L, 2) positions.
+        scan: the measurements.
+        sensors: where sensors stand and what hides things from them.
+        noise: their noise.
+        model: probabilities of detection and of false measurements.
+        free: (L,) positions where a target can be; -inf elsewhere.
+        priors: of the moving occluders.
+        occlusion: how they count.
+
+    Returns:
+        (L,) logarithms; -inf where the scan is impossible.
     """
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)

@@ -235,9 +235,17 @@ def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: Waypoi
 def held_step(
     particles: WaypointParticles, i: int, share: float, dt: float, motion: WaypointModel
 ) -> tuple[float, float]:
-    """Displacement x, y of particle i in a share (0 to 1) of a step of dt [s], before it changes its destination.
+    """Displacement x, y of a particle in the part of a step before it changes its destination.
 
-    0 in the paper's wait.
+    Args:
+        particles: states.
+        i: the particle.
+        share: of the step, 0 to 1, before the change.
+        dt: the step [s].
+        motion: parameters of the model.
+
+    Returns:
+        dx, dy; 0, 0 for one that waits as in the paper (without creeping).
     """
     dx = particles.destination[i, 0] - particles.xy[i, 0]
     dy = particles.destination[i, 1] - particles.xy[i, 1]

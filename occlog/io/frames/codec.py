@@ -337,14 +337,21 @@ def _check_depth(data: bytes, where: str) -> None:
 
 
 def is_dark(most: int, full: int) -> bool:
-    """Whether a 16-bit image uses the lowest 12 bits only; `most` is its largest value of `full`."""
+    """Whether a 16-bit image uses its lowest 12 bits only, so that it would be nearly black in 8 bits.
+
+    Args:
+        most: largest value in the image.
+        full: value of white: `FULL_16` for values of 16 bits, `FULL` for those reduced to 8.
+    """
     return 0 < most <= math.ceil(DARK_16 * full / FULL_16)
 
 
 def dim_values(most: int, full: int) -> Facts:
-    """Fact that a 16-bit image uses the lowest 14 bits only; empty if it does not.
+    """Fact that a 16-bit image uses its lowest 14 bits only; empty if it uses more, or 12 at most (see `is_dark`).
 
-    Arguments as in `is_dark`.
+    Args:
+        most: largest value in the image.
+        full: value of white: `FULL_16` for values of 16 bits, `FULL` for those reduced to 8.
     """
     value = most * FULL_16 // full
     return [("values-dim", {"most": value})] if DARK_16 < value <= math.ceil(DIM_16 / 257) * 257 else []

@@ -154,9 +154,16 @@ def paint_balls_into(
 
 @kernel
 def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, view: RenderView, skin: Skin) -> None:
-    """Set `colour` (3,), BGR, to that of a ball where its surface normal is (x, y, z) in the camera's frame.
+    """Compute the colour of a ball at one point of its surface, in place.
 
-    `turn` (3, 3) rotates from the ball's frame to the camera's.
+    Args:
+        colour: (3,) blue, green, red; set.
+        x: x of the surface normal in the camera's frame.
+        y: y of the normal.
+        z: z of the normal.
+        turn: (3, 3) rotation from the ball's frame to the camera's.
+        view: has the direction of the light.
+        skin: pattern and colours of the ball.
     """
     qx = turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z
     qy = turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z

@@ -121,9 +121,15 @@ def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: flo
 
 @kernel
 def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bodies, room: Room) -> None:
-    """Set `colour` (3,), BGR, to the shaded colour of ellipsoid p where a line of sight meets it.
+    """Compute the colour of an ellipsoid of a body where a line of sight meets it, in place.
 
-    `ray` (3,) is the direction of the line, `t` the distance in its lengths.
+    Args:
+        colour: (3,) blue, green, red; set.
+        p: index of the ellipsoid.
+        t: distance of the point, in lengths of `ray`.
+        ray: (3,) direction of the line of sight.
+        bodies: ellipsoids with their clothes.
+        room: has the position of the camera and the lamps.
     """
     rx, ry, rz = ray[0], ray[1], ray[2]
     x, y, z = room.origin[0] + t * rx, room.origin[1] + t * ry, room.origin[2] + t * rz

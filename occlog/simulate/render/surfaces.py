@@ -169,9 +169,17 @@ def lamps(region: Floats, height: float) -> Floats:
 
 @kernel
 def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, lights: Floats, ambient: float) -> float:
-    """Return the brightness of a surface at point p with unit normal n by all lamps and `ambient`, ignoring shadows.
+    """Brightness of a surface, by all lamps on its front and the ambient light, as if there were no shadows.
 
-    `lights` (L, 5) are x, y, z, power, and the distance at which the light has fallen to half.
+    Args:
+        px: x of the point on the surface.
+        py: y of the point.
+        pz: z of the point.
+        nx: x of the unit normal.
+        ny: y of the unit normal.
+        nz: z of the unit normal.
+        lights: (L, 5) x, y, z, power, and the distance at which the light has fallen to half.
+        ambient: brightness without lamps.
     """
     total = ambient
     for k in range(lights.shape[0]):
@@ -187,9 +195,18 @@ def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, l
 def in_shadow(
     px: float, py: float, pz: float, lx: float, ly: float, lz: float, walls: Floats, starts: Ints, heights: Floats
 ) -> bool:
-    """Return whether a wall or pillar (vertical prism) lies between point p and lamp l above it.
+    """Whether a wall or pillar (vertical prism) lies between a point and a lamp above it.
 
-    The prisms have packed outlines `walls` (V, 2), first corners `starts` (P + 1,) and `heights` (P,).
+    Args:
+        px: x of the point.
+        py: y of the point.
+        pz: z of the point.
+        lx: x of the lamp.
+        ly: y of the lamp.
+        lz: z of the lamp.
+        walls: (V, 2) corners of the outlines, one after the other.
+        starts: (P + 1,) index of the first corner of each of P prisms; V at the end.
+        heights: (P,) of the prisms, which stand on the floor.
     """
     ex, ey = lx - px, ly - py
     for w in range(starts.shape[0] - 1):
@@ -211,9 +228,14 @@ def in_shadow(
 
 @kernel
 def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -> bool:
-    """Return whether the segment from (px, py) to (lx, ly) enters any circle (P, 3) x, y, radius.
+    """Whether the way to a lamp, seen from above, enters a circle around any prism; a fast test before `in_shadow`.
 
-    This is a fast test before `in_shadow`.
+    Args:
+        px: x of the point.
+        py: y of the point.
+        lx: x of the lamp.
+        ly: y of the lamp.
+        reach: (P, 3) circles: x, y, radius.
     """
     ex, ey = lx - px, ly - py
     length2 = max(ex * ex + ey * ey, 1e-12)

@@ -319,9 +319,17 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
 
 
 def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
-    """Draw false directions at the times `t_ns` [ns]: Poisson in number, uniform over the sphere or over all azimuths.
+    """Draw false directions of an array: their number is Poisson distributed, they are uniform over all directions.
 
-    Return times, labels, azimuths and elevations [rad]; elevations are NaN for planar arrays and unknown heights.
+    Args:
+        sensor: array with its random generators.
+        t_ns: (m,) times of the measurements [ns].
+        sound: has the rate of false directions.
+
+    Returns:
+        (n,) columns: times [ns], labels `UNLABELLED`, azimuths and elevations [rad]; elevations are NaN for a planar
+        array,
+        and where heights are not known.
     """
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
     numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
@@ -338,9 +346,14 @@ def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints
 
 
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
-    """Return the measurement table of an array from columns (n,).
+    """Create the table of an array's measurements, sorted by time and azimuth.
 
-    Azimuths and elevations are those in the world [rad]; rows are sorted by time and azimuth.
+    Args:
+        array: has name and standard deviations.
+        t_ns: (n,) times [ns].
+        source: (n,) labels of the sources, `UNLABELLED` for none.
+        azimuth: (n,) in the world [rad].
+        elevation: (n,) in the world [rad]; NaN: not measured.
     """
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)

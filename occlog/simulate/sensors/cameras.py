@@ -62,9 +62,14 @@ def observe(
 
 
 def _simulated_camera(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> SimulatedCamera:
-    """Return the camera with its own random generators, at its true pose if calibration errors are simulated.
+    """Create a camera with random generators of its own, at its true pose if calibration errors are simulated.
 
-    `number` is its index in the scene.
+    Args:
+        scene: has the walls.
+        camera: as in the scene, with the standard deviations of its pose.
+        number: its index in the scene.
+        config: whether calibration errors are simulated.
+        seed: of the random numbers.
     """
     ground, yaw = camera.ground, camera.yaw
     if config.pose_noise == "calibration":

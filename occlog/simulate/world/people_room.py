@@ -228,9 +228,14 @@ def _free(candidates: Floats, ground: Ground) -> Floats | None:
 def _around(
     xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, obstacles: MovingObstacles | None
 ) -> NearbyObstacles:
-    """Return the obstacles for n objects at `xy` (n, 2): each other, people, static occluders and walls.
+    """Obstacles near each object: static occluders, walls, the other objects, and people.
 
-    `obstacles` are the people of this step, if any.
+    Args:
+        xy: (n, 2) positions.
+        ground: has the room.
+        motion: diameter and step of the objects.
+        rules: has the static occluders.
+        obstacles: the people of this time step; None: there are none.
     """
     n, radius = len(xy), 0.5 * motion.diameter
     others = np.array([[j for j in range(n) if j != i] for i in range(n)], dtype=np.int64).reshape(n, max(n - 1, 0))

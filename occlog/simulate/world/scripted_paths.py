@@ -84,9 +84,12 @@ def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
 
 
 def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
-    """InputError for an object that leaves the room or is in a static occluder: people cannot be drawn there.
+    """Check that people on scripted paths can be drawn; InputError for one outside the room or in a static occluder.
 
-    `start_ns` is the begin of the simulation [ns], for the message.
+    Args:
+        scene: room and static occluders.
+        grid: positions at all times.
+        start_ns: start of the simulation [ns], for the message.
     """
     for column, number in enumerate(grid.ids.tolist()):
         there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))

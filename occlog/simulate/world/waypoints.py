@@ -277,9 +277,16 @@ class WaypointNoise(NamedTuple):
 
 
 def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) -> WaypointState:
-    """Put `n` objects at random free positions, at least a diameter apart, each with a random destination.
+    """Put objects at random free positions, at least a diameter apart, each with a random free destination.
 
-    ValueError states how many were placed when the room is too full.
+    Args:
+        n: number of objects.
+        ground: floor and obstacles.
+        diameter: of the objects.
+        rng: generator that is used.
+
+    Raises:
+        ValueError: the room is too full; the message has the number of objects that were placed.
     """
     xy = np.empty((n, 2))
     for i in range(n):
