@@ -399,7 +399,15 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 12) mask of parameters with a finite prior (`sigma` (C, 12)) that the data hardly narrow."""
+    """Which of the 12 parameters of each camera have a finite prior that the data hardly narrow.
+
+    Args:
+        done: adjustment, with the covariance of the parameters.
+        sigma: (C, 12) prior standard deviations; 0: held; inf: free.
+
+    Returns:
+        (C, 12) mask.
+    """
     found = np.sqrt(np.maximum(np.diag(done.covariance), 0.0)).reshape(sigma.shape)
     return np.asarray(np.isfinite(sigma) & (sigma > 0.0) & (found > DETERMINED * sigma))
 

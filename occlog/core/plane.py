@@ -400,13 +400,16 @@ def offset(corners: Floats, away: float) -> Floats:
 
 
 def spread_along(a: Floats, positions: Floats, b: Floats, steps: int) -> Floats | None:
-    """(steps - 1, 2) positions from a via all of `positions` to b, including these; None if there are too few steps.
+    """Positions on the way from a via all of `positions` to b, at nearly equal distances.
 
     Args:
-        a: (2,)
-        positions: (m, 2)
-        b: (2,)
-        steps: from a to b.
+        a: (2,) start.
+        positions: (m, 2) each is one of the positions returned.
+        b: (2,) end.
+        steps: number of steps from a to b.
+
+    Returns:
+        (steps - 1, 2) positions between a and b, which are not included; None if there are fewer steps than legs.
     """
     way = np.vstack([a[None], positions, b[None]])
     leg = np.hypot(*np.diff(way, axis=0).T)

@@ -39,7 +39,13 @@ def symmetric(matrix: Floats) -> Floats:
 
 
 def predicted(state: Gaussian, F: Floats, Q: Floats) -> Gaussian:
-    """Predict a Gaussian state: linear motion F with process noise Q."""
+    """Predict a Gaussian state by linear motion: mean F x, covariance F P F^T + Q.
+
+    Args:
+        state: before.
+        F: (n, n) transition matrix.
+        Q: (n, n) covariance of the process noise.
+    """
     return Gaussian(F @ state.mean, F @ state.covariance @ F.T + Q)
 
 

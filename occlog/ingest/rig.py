@@ -136,11 +136,12 @@ def _distance_from_axes(places: Floats, axes: Floats) -> float:
 
 
 def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
-    """Report a convention of the extrinsics in which all cameras are upright, above the ground, and view one position.
+    """Report another convention of the extrinsics that makes all cameras upright, above the ground, and view one position.
 
     Args:
         cameras: as read.
-        limit: for the distance of their axes from that place; see `_distance_from_axes`.
+        limit: mean distance of the optical axes from that position, over the extent of the cameras, below which it
+            fits.
     """
     found = [
         (_distance_from_axes(places, axes[:, :, 2]), change)

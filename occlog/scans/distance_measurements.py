@@ -428,9 +428,9 @@ def pack(
     Args:
         table: in the order of time.
         at: the stations.
-        config: what the table does not say.
-        radio: a fitted path loss; None: as the scene and the settings say.
-        differences: see `check_plausible`.
+        config: standard deviations and other properties that the table does not state.
+        radio: a fitted path loss; None: that of the scene and the settings.
+        differences: counts implausible range differences, to be refused at the end; None: they are refused here.
 
     Returns:
         (m,) rows of the table, and the m measurements.

@@ -68,7 +68,13 @@ def place_arrays(
 
 
 def with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> Scene:
-    """The scene with arrays that were placed, and their clocks."""
+    """The scene with the microphone arrays at their estimated positions, and with clocks of those that are late.
+
+    Args:
+        scene: with calibrated cameras; its arrays have known positions.
+        stated: as read, with all arrays; those that could neither be estimated nor are in `scene` are omitted.
+        arrays: results.
+    """
     clocks = {clock.name: clock for clock in scene.clocks}
     found = {}
     for each in arrays:

@@ -384,7 +384,16 @@ def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Flo
 
 
 def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
-    """Sample (n, 2) positions along lines, uniform in distance."""
+    """Sample positions along random lines of sight: distances are uniform, azimuths normally distributed.
+
+    Args:
+        n: number of positions.
+        lines: directions of one scan.
+        rng: generator that is used.
+
+    Returns:
+        (n, 2) positions.
+    """
     which = rng.integers(len(lines.azimuth), size=n)
     r = lines.far[which] * rng.random(n)
     sigma = np.hypot(
@@ -395,7 +404,15 @@ def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
 
 
 def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
-    """(N,) density of the proposals of `_along` (positions along the directions) at positions `xy` (N, 2)."""
+    """Probability density with which `_along` samples positions.
+
+    Args:
+        xy: (N, 2) positions.
+        lines: directions of one scan.
+
+    Returns:
+        (N,) densities, the mean over all lines.
+    """
     away = xy[:, None] - lines.origin
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), MIN_RELATIVE_DISTANCE * lines.far)
     off = wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - lines.azimuth)

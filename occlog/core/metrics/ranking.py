@@ -13,7 +13,7 @@ def rank_one(like: Floats, owner: Ints) -> float:
 
     Args:
         like: (n, P) similarities of candidates to people; NaN: not compared, which is never the most similar.
-        owner: (n,) position of the person whom each candidate shows.
+        owner: (n,) index, among the P people, of the person whom each candidate shows.
     """
     if not len(like):
         return float("nan")

@@ -42,21 +42,25 @@ def opposite(previous: Floats, force: Floats, tolerance: float) -> Bools:
 
 
 def distance_inside(way: float, radii: float) -> Range:
-    """Range of d_osc for a robot that escapes inside the region of prevention ([Lee] Eq. 5.27); the low end is open.
+    """Range of the distance d_osc from robot to obstacle at an escape inside the region of prevention.
+
+    [Lee] Eq. 5.27; the low end is open.
 
     Args:
         way: s_r T_s, length of a step.
-        radii: r_r + r_o.
+        radii: r_r + r_o, of robot and obstacle.
     """
     return Range(0.0, way + radii)
 
 
 def distance_outside(way: float, radii: float) -> Range:
-    """Range of d_osc for a robot that escapes outside the region of prevention ([Lee] Eq. 5.28); the low end is open.
+    """Range of the distance d_osc from robot to obstacle at an escape outside the region of prevention.
+
+    [Lee] Eq. 5.28; the low end is open.
 
     Args:
         way: s_r T_s, length of a step.
-        radii: r_r + r_o.
+        radii: r_r + r_o, of robot and obstacle.
     """
     return Range(way + radii, 2.0 * way + radii)
 
@@ -64,7 +68,7 @@ def distance_outside(way: float, radii: float) -> Range:
 def angle_at(d: float, radii: float) -> float:
     """Angle theta_osc [rad] at which a robot at distance `d` just passes an obstacle ([Lee] Eqs. 5.29 and 5.30).
 
-    `radii` is r_r + r_o; `d` is at least that, or the angle is pi / 2.
+    `radii` is r_r + r_o, of robot and obstacle; the angle is pi / 2 if `d` is not above it.
     """
     return math.asin(min(1.0, radii / d))
 
@@ -72,7 +76,7 @@ def angle_at(d: float, radii: float) -> float:
 def angle_inside(way: float, radii: float) -> Range:
     """Range of the escape angle [rad] inside the region of prevention ([Lee] Eq. 5.31); the high end is open.
 
-    `way` is the length of a step, s_r T_s, `radii` is r_r + r_o.
+    `way` is the length of a step, s_r T_s, `radii` is r_r + r_o, of robot and obstacle.
     """
     return Range(angle_at(way + radii, radii), 0.5 * math.pi)
 
@@ -80,7 +84,7 @@ def angle_inside(way: float, radii: float) -> Range:
 def angle_outside(way: float, radii: float) -> Range:
     """Range of the escape angle [rad] outside the region of prevention ([Lee] Eq. 5.32); the high end is open.
 
-    `way` is the length of a step, s_r T_s, `radii` is r_r + r_o.
+    `way` is the length of a step, s_r T_s, `radii` is r_r + r_o, of robot and obstacle.
     """
     return Range(angle_at(2.0 * way + radii, radii), angle_at(way + radii, radii))
 

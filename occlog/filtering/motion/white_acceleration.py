@@ -187,7 +187,7 @@ def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
     Args:
         walkers: M objects.
         dt: (M,) or one time, >= 0.
-        q: strength of the disturbance, as above; >= 0.
+        q: standard deviation of the change of velocity per axis in a unit of time, >= 0 (Q: see the module).
     """
     t = np.broadcast_to(np.asarray(dt, dtype=np.float64), (len(walkers.xy),))[:, None, None]
     q2 = q**2 * np.eye(2)

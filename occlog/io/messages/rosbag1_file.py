@@ -131,7 +131,12 @@ class Rosbag1File:
         self.losses[Loss(self.name, location, what, count)] = None
 
     def _read_index(self, file: IO[bytes]) -> None:
-        """Read connections and chunk positions at the end of the file; an error of `_DAMAGE` if missing."""
+        """Read connections and chunk positions from the index at the end of the file.
+
+        Raises:
+            InputError: the bag is encrypted.
+            ValueError, or another error of `_DAMAGE`: the index is missing or damaged.
+        """
         header = self._record(file, len(VERSION))
         if header.kind != BAG_HEADER:
             raise ValueError("its first record is not that of a bag")

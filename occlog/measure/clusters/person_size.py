@@ -235,7 +235,16 @@ def grid_cell(prior: Prior, x: float, y: float) -> int:
 
 @kernel
 def person_at(means: Floats, log_sizes: Floats, prior: Prior) -> tuple[Floats, Floats]:
-    """Covariance (K, 3) and pixels (K,) of people at the means (K, 2), scaled by exp(log_sizes)."""
+    """Covariances and numbers of pixels of people in an image, by the size map, with their sizes scaled.
+
+    Args:
+        means: (K, 2) centres [px].
+        log_sizes: (K,) logarithms of the factors of height and width.
+        prior: size map of the camera.
+
+    Returns:
+        (K, 3) covariances xx, xy, yy [px^2], and (K,) pixels.
+    """
     covs, mass = np.empty((means.shape[0], 3)), np.empty(means.shape[0])
     for k in range(means.shape[0]):
         at = grid_cell(prior, means[k, 0], means[k, 1])

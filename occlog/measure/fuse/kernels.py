@@ -384,12 +384,15 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
 
 
 def corrected_by_place(motion: MotionEstimate, position: PositionWithCovariance) -> MotionEstimate:
-    """Kalman update by a measured position."""
+    """Kalman update of the motion of an object by a measured position."""
     return _corrected(motion, np.eye(2, 4), position.xy - motion.mean[:2], position.cov)
 
 
 def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionEstimate:
-    """Update by one line of sight, or several nearly parallel ones; distances are not used."""
+    """Kalman update of the motion of an object by lines of sight, one after the other; their distances are not used.
+
+    Lines that point away from the object are omitted.
+    """
     for row in range(len(sight.azimuth)):
         offset, variance = deviations(sight.take(np.array([row])), motion.position)
         away = motion.mean[:2] - sight.origin[row]

@@ -79,8 +79,8 @@ def decide(
     Args:
         memory: of the object.
         t_ns: the time step, after the memory's.
-        sight: local detections of it, at most one a camera; `sensor` is a position in `cameras`.
-        observing: positions in `cameras` of the cameras that delivered a frame, rising.
+        sight: local detections of it, at most one a camera; `sensor` is an index in `cameras`.
+        observing: indices in `cameras` of the cameras that delivered a frame, rising.
         cameras: those with a pose.
         config: settings in the scene's unit.
     """

@@ -60,7 +60,15 @@ class Embedder:
     length: int
 
     def vectors(self, image: Image, boxes: Floats) -> Floats32:
-        """(n, `length`) unit embeddings of boxes (n, 4) in an image; NaN if the network returns no valid vector."""
+        """Embeddings of boxes in an image: vectors of unit length, by which people are recognised.
+
+        Args:
+            image: (height, width, 3) BGR.
+            boxes: (n, 4) left, top, right, bottom [px].
+
+        Returns:
+            (n, `length`) vectors; NaN where the network returns none that can be normalised.
+        """
         width, height = self.network.size
         out = np.empty((len(boxes), self.length), dtype=np.float32)
         step = MAX_CROPS if self.network.open_batch else self.network.batch

@@ -302,12 +302,12 @@ class TargetTrackSums:
         self._waiting = 0
 
     def add(self, target: Ints, track: Ints, values: Floats) -> None:
-        """Add values to couples, each of which occurs once.
+        """Add values to the sums of couples, each of which occurs once.
 
         Args:
             target: (n,) numbers of targets.
             track: (n,) numbers of tracks.
-            values: (sums, n).
+            values: (sums, n) addends, by sum and couple.
         """
         if self._matrix is not None:
             self._matrix[:, target, track] += values

@@ -200,7 +200,7 @@ def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, 
         alphas: (A,) thresholds of similarity in (0, 1).
 
     Returns:
-        (n,) position of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
+        (n,) index of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
         FPA) there, 0 where it is none.
     """
     frame, couple, life, length, similarity = _paired(frames)

@@ -159,5 +159,10 @@ def as_rate(fps: float | str) -> Fraction:
 
 
 def _is_written(rate: float, value: float) -> bool:
-    """Whether a value is a rate rounded to two or three decimals, or written with many."""
+    """Whether a frame rate may be meant by a value that is rounded to two or three decimals, or exact to 1e-6.
+
+    Args:
+        rate: the frame rate, such as 30000 / 1001.
+        value: as it is stated.
+    """
     return value in (round(rate, 2), round(rate, 3)) or abs(value - rate) <= 1e-6 * rate

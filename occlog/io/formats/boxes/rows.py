@@ -42,7 +42,7 @@ class FileBoxRows(NamedTuple):
     confidence: Floats
 
     def pick(self, rows: Ints) -> FileBoxRows:
-        """The rows of an index array."""
+        """Select rows by indices `rows`, in their order."""
         return FileBoxRows._make(column[rows] for column in self)
 
 
