@@ -68,7 +68,7 @@ def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[
 
 
 def log_normal(off: Floats, S: Floats) -> float:
-    """Log density of N(0, S) at residuals `off` (m,)."""
+    """Logarithm of the density of N(0, S) at the residuals `off` (m,), with the covariance S (m, m)."""
     _, volume = np.linalg.slogdet(S)
     return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
 

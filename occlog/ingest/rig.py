@@ -136,12 +136,11 @@ def _distance_from_axes(places: Floats, axes: Floats) -> float:
 
 
 def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
-    """Report another convention of the extrinsics that makes all cameras upright, above the ground, and view one position.
+    """Report another convention of the extrinsics that makes all cameras upright, above ground, and view one place.
 
     Args:
         cameras: as read.
-        limit: mean distance of the optical axes from that position, over the extent of the cameras, below which it
-            fits.
+        limit: mean distance of the optical axes from that place, over the extent of the cameras, below which it fits.
     """
     found = [
         (_distance_from_axes(places, axes[:, :, 2]), change)

@@ -149,13 +149,13 @@ class PairedDifference(NamedTuple):
         return 1.0 / (len(self.drawn) + 1) if len(self.drawn) else 0.0
 
     def below(self, margin: float) -> float:
-        """One-sided p-value: how likely is a difference this far below `margin` if `margin` is the true one; NaN: unknown."""
+        """One-sided p-value: chance of a difference this far below `margin` if that is the true one; NaN: unknown."""
         if len(self.drawn):
             return chance_below(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference >= margin)
 
     def above(self, margin: float) -> float:
-        """One-sided p-value: how likely is a difference this far above `margin` if `margin` is the true one; NaN: unknown."""
+        """One-sided p-value: chance of a difference this far above `margin` if that is the true one; NaN: unknown."""
         if len(self.drawn):
             return chance_above(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference <= margin)

@@ -113,7 +113,7 @@ def leaves_folder(recording: Path, location: str) -> bool:
 
 
 def linked_path(recording: Path, sensor: str, location: str) -> Path:
-    """The video file of a camera.
+    """The video file of a camera that a recording links to.
 
     Args:
         recording: file that has the link.
@@ -121,8 +121,9 @@ def linked_path(recording: Path, sensor: str, location: str) -> Path:
         location: of the video as the recording states it, relative to the recording's folder.
 
     Raises:
-        InputError: if the position is absolute, if no regular file that can be read is there, or if it leads out of the
-            folder and to a file that is no video.
+        InputError: the location is absolute, no regular file that can be read is there, or it leads out of the folder
+            and
+            to a file that is no video.
     """
     where = f"{recording}: camera {sensor}"
     if Path(location).is_absolute():

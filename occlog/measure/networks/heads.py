@@ -343,7 +343,15 @@ def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> N
 
 
 def _edges(boxes: Floats, size: tuple[float, float]) -> Floats:
-    """Edges left, top, right, bottom of boxes given by centre and size, times the image size."""
+    """Edges of boxes that a network states by centre and size.
+
+    Args:
+        boxes: (n, 4) x and y of the centre, width, height; in shares of the input image or in pixels.
+        size: factors of x and y: width and height of the network's input [px], or 1 and 1.
+
+    Returns:
+        (n, 4) left, top, right, bottom [px].
+    """
     scale = np.array(size, dtype=np.float64)
     centre, half = boxes[:, :2] * scale, 0.5 * boxes[:, 2:] * scale
     return np.concatenate([centre - half, centre + half], axis=1)
