@@ -107,7 +107,7 @@ class Clocks(NamedTuple):
     origin: float
 
     def errors(self, camera: Ints | int, stamps: Floats) -> Floats:
-        """(N,) delay [s] of the clocks of cameras (N,) at stamped times (N,)."""
+        """(N,) delay [s] of the clocks of cameras (N,), or of one camera, at stamped times (N,) [s]."""
         return np.asarray(self.late[camera] + self.drift[camera] * (stamps - self.origin))
 
 
@@ -159,7 +159,7 @@ class Adjusted(NamedTuple):
 
 
 def changed(camera: Camera, values: Floats) -> Camera:
-    """A camera with its pose, focal length and distortion changed by parameters (12,).
+    """Return a camera with its pose, focal length and distortion changed by parameters `values` (12,).
 
     Clock and biases are not included.
     """
@@ -279,13 +279,13 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each box relative to its knot [s]."""
+        """(N,) true time of each box relative to its knot [s], with the parameters `values`."""
         seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
 
     def _equations(self, values: Floats, states: Floats) -> _Equations:
-        """Residuals, cost and derivatives at the given parameters and states."""
+        """Residuals, cost and derivatives at the parameters `values` and the states (K, 6) of the paths."""
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
         changes = values[:-COMMON].reshape(C, PARAMETERS)
@@ -338,7 +338,10 @@ class Adjustment:
         return out
 
     def _paths(self, equations: _Equations, inflate: Floats) -> tuple[Floats, Floats, Floats]:
-        """Normal equations of the paths: blocks (K, 6, 6) on and below the diagonal, and right side (K, 6)."""
+        """Normal equations of the paths: blocks (K, 6, 6) on and below the diagonal, and right side (K, 6).
+
+        `inflate` (4,): factors of the variances of the edges.
+        """
         seen, body, states = self.seen, self.body, equations.states
         K, first = len(seen.time), seen.first[:-1]
         Js = equations.slope * (equations.weight / inflate)[:, :, None]
@@ -357,7 +360,13 @@ class Adjustment:
         return A, off, g
 
     def _solved(self, A: Floats, off: Floats, right: Floats) -> Floats:
-        """Solve the block tridiagonal normal equations of the paths for right sides (K, 6, R)."""
+        """(K, 6, R) solution of the block tridiagonal normal equations of the paths, which have K states in all.
+
+        Args:
+            A: (K, 6, 6) diagonal blocks.
+            off: (K, 6, 6) blocks below the diagonal; those at the ends of paths are not used.
+            right: (K, 6, R) right sides.
+        """
         out = np.zeros_like(right)
         first, R = self.seen.first, right.shape[2]
         for p0, p1 in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
@@ -369,7 +378,8 @@ class Adjustment:
     def _reduced(self, equations: _Equations, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
         """Normal equations of the cameras after elimination of the paths (Schur complement).
 
-        `inflate` (4,): factors of the variances of the edges.
+        `damping` is relative to the diagonal of the paths' blocks; `inflate` (4,): factors of the variances of the
+        edges.
         """
         seen, C, body = self.seen, len(self.cameras), self.body
         K, M = len(seen.time), len(self.values)
@@ -404,7 +414,10 @@ class Adjustment:
         return _Reduced(0.5 * (S + S.T), s, solved)
 
     def _step(self, equations: _Equations, damping: float) -> tuple[Floats, Floats]:
-        """Damped step: changes of the parameters and of the states."""
+        """Damped step: changes (n,) of the parameters, 0 for fixed ones, and of the states (K, 6).
+
+        `damping` is relative to the diagonal of the equations (Levenberg-Marquardt).
+        """
         reduced = self._reduced(equations, damping)
         free = np.flatnonzero(self.free)
         S = reduced.matrix[np.ix_(free, free)]
@@ -496,7 +509,7 @@ class Adjustment:
         return out
 
     def _inverse(self, matrix: Floats) -> Floats:
-        """Pseudo-inverse of the free parameters' block; 0 for fixed parameters."""
+        """Pseudo-inverse of the block of a matrix (M, M) with the free parameters; 0 for fixed parameters."""
         free = np.flatnonzero(self.free)
         out, part = np.zeros_like(matrix), matrix[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
@@ -508,6 +521,10 @@ class Adjustment:
 
         Biases of edges are consider parameters (Schmidt 1966): they are not estimated, since small errors of the body
         model would make them large, but their effect on the estimates is added.
+
+        Args:
+            equations: normal equations at the solution.
+            correlation: (4,) variance inflation factors of the edges.
         """
         exact = self._reduced(equations, 0.0).matrix
         gain = self._inverse(exact) @ (exact * self.sigma_bias)
@@ -563,17 +580,23 @@ class _Motion(NamedTuple):
         return np.asarray(states[self.inner + 1] - np.einsum("lij,lj->li", self.transition, states[self.inner]))
 
     def squares(self, states: Floats) -> Floats:
-        """(L,) squared Mahalanobis lengths of the L changes of position and velocity."""
+        """(L,) squared Mahalanobis lengths of the L changes of position and velocity in `states` (K, 6)."""
         off = self._off(states)[:, :4]
         return np.asarray(np.einsum("li,lij,lj->l", off, self.precision[:, :4, :4], off))
 
     def cost(self, states: Floats) -> float:
-        """Negative log prior of all transitions: half the squared Mahalanobis length."""
+        """Negative log prior of all transitions between `states` (K, 6): half the squared Mahalanobis length."""
         off = self._off(states)
         return float(0.5 * np.einsum("li,lij,lj->", off, self.precision, off))
 
     def add(self, states: Floats, A: Floats, g: Floats) -> Floats:
-        """Add the prior to diagonal blocks and right side, in place; return the (K, 6, 6) blocks below the diagonal."""
+        """Add the prior to diagonal blocks and right side, in place; return the (K, 6, 6) blocks below the diagonal.
+
+        Args:
+            states: (K, 6) states of all paths.
+            A: (K, 6, 6) diagonal blocks.
+            g: (K, 6) right side.
+        """
         off, P, F = self._off(states), self.precision, self.transition
         PF = P @ F
         A[self.inner] += np.swapaxes(F, 1, 2) @ PF
@@ -586,7 +609,13 @@ class _Motion(NamedTuple):
 
 
 def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
-    """Prior of the paths: white acceleration, nearly constant body size."""
+    """Prior of the paths: white acceleration, nearly constant body size.
+
+    Args:
+        seen: has the times of the paths' states.
+        metre: a metre in scene units.
+        acceleration: spectral density [m^2/s^3].
+    """
     last = seen.first[1:] - 1
     inner = np.setdiff1d(np.arange(len(seen.time)), last)
     dt = seen.time[inner + 1] - seen.time[inner]
@@ -608,7 +637,10 @@ def _roots(motion: _Motion) -> Floats:
 
 
 def _banded(diagonal: Floats, below: Floats) -> Floats:
-    """(12, 6 T) lower banded form of a symmetric block tridiagonal matrix with (T, 6, 6) and (T - 1, 6, 6) blocks."""
+    """(12, 6 T) lower banded form of a symmetric block tridiagonal matrix.
+
+    `diagonal` (T, 6, 6) and `below` (T - 1, 6, 6) are its blocks.
+    """
     n = STATE_SIZE
     T = len(diagonal)
     out = np.zeros((2 * n, T * n))

@@ -49,7 +49,10 @@ MAX_BOXES = 60_000
 
 
 def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOutput:
-    """Calibrate cameras by people who walk, and microphone arrays by people who speak."""
+    """Calibrate cameras by people who walk, and microphone arrays by people who speak.
+
+    InputError for boxes of fewer than two cameras.
+    """
     config = configure(CalibrateConfig(), request.settings)
     inputs = ImageInput(
         TrackInImagesRequest(
@@ -106,7 +109,15 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
 
 
 def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
-    """One image of each camera from the middle of the recording, if it has images."""
+    """First image of each camera from the middle of the recording on, by name.
+
+    Args:
+        inputs: has the recording; without one, no camera has an image.
+        found: has the times of the observations; the middle is their median.
+
+    Returns:
+        Images; cameras without an image there, or with a damaged one, are omitted.
+    """
     recording, middle_ns = inputs.opened.recording, round(float(np.median(found.seen.time)) * NS)
     out: dict[str, Image] = {}
     for name in () if recording is None else recording.cameras:
@@ -149,7 +160,14 @@ class Start(NamedTuple):
 def _start(
     request: CalibrateRequest, cameras: Sequence[Camera], frames: Sequence[FrameDetectionsWithIds], height: float
 ) -> Start:
-    """Initial poses from marked points, and focal lengths of cameras with a known image size only."""
+    """Initial poses from marked points, and focal lengths of cameras with a known image size only.
+
+    Args:
+        request: has the file of marked points.
+        cameras: as stated.
+        frames: boxes of people.
+        height: of a person, in scene units.
+    """
     out = [replace(c, placed=False) if request.ignore_poses else c for c in cameras]
     sigma = np.zeros(len(out))
     marked: list[MarkedPose] = []
@@ -184,7 +202,7 @@ def _marked_figures(each: MarkedPose) -> dict[str, object]:
 
 
 def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[FrameDetectionsWithIds]:
-    """Frames from the beginning with at most about `MAX_BOXES` boxes; a note if there are more."""
+    """Frames from the beginning, up to the one that reaches `MAX_BOXES` boxes; a note if there are more."""
     out: list[FrameDetectionsWithIds] = []
     boxes = 0
     for each in job.progress(frames, "read"):
@@ -198,7 +216,10 @@ def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[Fr
 
 
 def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
-    """The scene with the calibrated cameras, their uncertainty as pose noise, and significant clock offsets."""
+    """Return the scene with the calibrated cameras, their uncertainty as pose noise, and significant clock offsets.
+
+    `placed`: the result is in the world of the scene; otherwise its room and its other sensors are dropped.
+    """
     own = {each.camera.name: each for each in found.cameras if each.estimated}
     clocks = {clock.name: clock for clock in scene.clocks}
     cameras: list[Camera] = []
@@ -254,7 +275,10 @@ def _frame(found: Calibrated) -> dict[str, float]:
 
 
 def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> tuple[Check, ...]:
-    """Checks of the calibration with their findings."""
+    """Checks of the calibration with their findings.
+
+    `stated` are the cameras before, in the order of `found.cameras`; `metre` is a metre in scene units.
+    """
     known = any(c.has_height for c in stated)
     return (
         *outcome(CAMERAS, _missing(found), cameras=sum(each.estimated for each in found.cameras)),
@@ -279,7 +303,10 @@ def _loose(found: Calibrated) -> Iterator[Check]:
 
 
 def _moved(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> Iterator[Check]:
-    """Report cameras with a pose farther from the stated one than its uncertainty allows."""
+    """Report cameras with a pose farther from the stated one than its uncertainty allows.
+
+    `stated` are the cameras before, in the order of `found.cameras`; `metre` is a metre in scene units.
+    """
     for each, camera in zip(found.cameras, stated, strict=True):
         if not (each.estimated and camera.has_height):
             continue
@@ -310,7 +337,7 @@ def _clock_findings(found: Calibrated) -> Iterator[Check]:
 
 
 def _comment(found: Calibrated, unit: str) -> str:
-    """Comment lines with the standard deviations, for the scene file."""
+    """Comment lines with the standard deviations, for the scene file; lengths are in `unit`."""
     lines = [f"Calibrated from {found.people} people by occlog calibrate; standard deviations relative to all cameras:"]
     for each in found.cameras:
         if each.estimated:

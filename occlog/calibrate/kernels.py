@@ -30,7 +30,15 @@ def boxes_and_slopes(
 
 @kernel
 def expected_boxes(lens: Floats, camera: Ints, state: Floats, delay: Floats, box: Floats) -> None:
-    """Write the expected box (N, 4) [px] of each observation; NaN behind the camera."""
+    """Write the expected box of each of N observations to `box` (N, 4) [px]; NaN behind the camera.
+
+    Args:
+        lens: (C, ...) packed cameras.
+        camera: (N,) index of the camera.
+        state: (N, 6) x, y, vx, vy, height and width of the person.
+        delay: (N,) time from the state to the image [s].
+        box: (N, 4) left, top, right, bottom, filled.
+    """
     for n in range(camera.shape[0]):
         x, y = state[n, 0] + delay[n] * state[n, 2], state[n, 1] + delay[n] * state[n, 3]
         if expected_box(lens[camera[n]], x, y, state[n, 4], state[n, 5], box[n]) < 0.0:

@@ -45,7 +45,14 @@ class Tracklet(NamedTuple):
 
 
 def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Complexes:
-    """(T,) positions linearly interpolated at the times of a grid; NaN outside and in gaps."""
+    """(T,) positions linearly interpolated at the times of a grid; NaN outside and in gaps.
+
+    Args:
+        t_s: (n,) rising times of the samples [s].
+        xy: (n,) complex positions.
+        times: (T,) of the grid [s].
+        max_gap_s: longest interval that is interpolated [s].
+    """
     out = np.interp(times, t_s, xy.real) + 1j * np.interp(times, t_s, xy.imag)
     if len(t_s) < 2:
         return np.full(len(times), np.nan, dtype=np.complex128)
@@ -97,7 +104,10 @@ def persons(tracklets: Sequence[Tracklet], clocks: Clocks, times: Floats, max_ga
 
 
 def _conflict(a: dict[int, np.ndarray], b: dict[int, np.ndarray]) -> bool:
-    """Whether two groups of tracklets contain tracks of the same camera at the same times."""
+    """Whether two groups of tracklets contain tracks of the same camera at the same times.
+
+    a and b map a camera to a mask of the time steps at which the group has a track there.
+    """
     return any(np.count_nonzero(a[c] & b[c]) > MAX_CONFLICTS for c in set(a) & set(b))
 
 

@@ -15,7 +15,15 @@ from .results.output import CalibrationOutput, write_scene
 
 
 def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Calibrate and write; return the summary, and previous losses."""
+    """Calibrate by a board or by people, and write scene and picture.
+
+    Args:
+        request: inputs, outputs and settings.
+        job: writes the outputs and has the messages.
+
+    Returns:
+        Summary with the checks, and losses of the inputs.
+    """
     form = format_of(request.output)
     if form is not None:
         check_calibration(request.output, form, job.overwrite)
@@ -30,7 +38,10 @@ def run_calibrate(request: CalibrateRequest, job: Job) -> tuple[dict[str, object
 
 
 def _calibration(request: CalibrateRequest, job: Job) -> CalibrationOutput:
-    """Calibrate by what the request names; each of the two loads what it needs."""
+    """Calibrate by images of a board if the request names one, else by boxes of people.
+
+    Only the code of that calibration is imported.
+    """
     if request.board is not None:
         from .boards.from_board import calibration_of_board
 

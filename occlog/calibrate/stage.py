@@ -246,7 +246,7 @@ def calibrate(
 
 
 def _rows(tracklets: Sequence[Tracklet], group: Ints) -> Rows:
-    """Boxes of tracks with the indices of their persons."""
+    """Boxes of tracks with the indices of their persons; `group` (n,) has the person of each of n tracklets."""
     return [
         (int(person), t.camera, float(when), box, complex(at))
         for person, t in zip(group, tracklets, strict=True)
@@ -259,14 +259,14 @@ def _loose_names(loose: Bools) -> tuple[str, ...]:
 
 
 def _after(now: _Estimate, done: Adjusted) -> Clocks:
-    """Return the camera clocks corrected by an adjustment."""
+    """Clocks of the cameras in the estimate `now`, plus the corrections of offset and drift in `done`."""
     return now.clocks._replace(
         late=now.clocks.late + done.values[:, LATE], drift=now.clocks.drift + done.values[:, DRIFT]
     )
 
 
 def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
-    """Stamped times [s] and boxes of the image tracks of one camera."""
+    """Stamped times (n,) [s] and boxes (n, 4) of each image track of camera `c`."""
     tracks = CameraTracks(camera, SortConfig())
     for each in frames:
         if each.detections.camera == c:
@@ -277,7 +277,10 @@ def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: C
 
 
 def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
-    """(T,) time grid [s] on which paths are compared."""
+    """(T,) time grid [s] on which paths are compared; InputError if no person is tracked.
+
+    `boxes` are, for each camera, times and boxes of its image tracks.
+    """
     every = [t for own in boxes for t, _ in own if len(t) > 1]
     if not every:
         raise InputError(
@@ -291,7 +294,15 @@ def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
 def _tracklets(
     c: int, camera: Camera, plane: GroundPlane | None, boxes: Sequence[tuple[Floats, Floats]], height: float
 ) -> list[Tracklet]:
-    """Image tracks of one camera with ground positions in its level frame."""
+    """Image tracks of camera `c` with ground positions in its level frame.
+
+    Args:
+        c: index of the camera.
+        camera: the camera.
+        plane: its height and tilt; None: unknown, so that there are no tracklets.
+        boxes: times (n,) and boxes (n, 4) of each image track.
+        height: of a person, in scene units; positions many heights away are left out.
+    """
     out = []
     for t, own in boxes if plane is not None else ():
         xy = plane.positions(camera, own)  # type: ignore[union-attr]
@@ -309,7 +320,15 @@ def _aligned(
     config: CalibrateConfig,
     metre: float,
 ) -> list[PlanarPose | None]:
-    """Poses of the cameras in a common frame; None for a camera that shares no people with the others."""
+    """Poses of the C cameras in a common frame; None for a camera that shares no people with the others.
+
+    Args:
+        cameras: as stated; poses of a pair limit the search.
+        tracklets: of each camera, on the ground in its level frame.
+        times: (T,) grid of times [s].
+        config: height of people and uncertainty of stated poses.
+        metre: a metre in scene units.
+    """
     step, C = float(times[1] - times[0]), len(cameras)
     height = config.person_height * metre
     paths: list[Complexes] = [
@@ -338,7 +357,10 @@ def _relative(a: Camera, b: Camera) -> PlanarPose:
 def _initial(
     cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None], times: Floats
 ) -> _Estimate:
-    """Initial cameras in the common frame of the alignment."""
+    """Initial cameras and clocks in the common frame of the alignment; cameras without plane or pose are as they were.
+
+    `times` (T,) is the grid of times [s] of which the poses' offsets count steps.
+    """
     out, late = [], np.zeros(len(cameras))
     for c, (camera, plane, pose) in enumerate(zip(cameras, planes, poses, strict=True)):
         if plane is None or pose is None:
@@ -359,7 +381,14 @@ def _middle(values: Floats) -> float:
 
 
 def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift: bool) -> Floats:
-    """(C, 12) prior standard deviations of the parameters; 0: fixed, inf: free."""
+    """(C, 12) prior standard deviations of the parameters of C = `count` cameras; 0: fixed, inf: free.
+
+    Args:
+        count: number of cameras.
+        estimate: `focal` and `radial`, as far as they are estimated.
+        clocks: offsets of clocks are estimated.
+        drift: their drift is, too.
+    """
     sigma = np.zeros((count, PARAMETERS))
     sigma[:, TURN] = sigma[:, SHIFT] = np.inf
     sigma[:, FOCAL] = SIGMA_LOG_FOCAL if "focal" in estimate else 0.0
@@ -370,7 +399,15 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 12) mask of parameters with a finite prior that the data hardly narrow."""
+    """Which of the 12 parameters of each camera have a finite prior that the data hardly narrow.
+
+    Args:
+        done: adjustment, with the covariance of the parameters.
+        sigma: (C, 12) prior standard deviations; 0: held; inf: free.
+
+    Returns:
+        (C, 12) mask.
+    """
     found = np.sqrt(np.maximum(np.diag(done.covariance), 0.0)).reshape(sigma.shape)
     return np.asarray(np.isfinite(sigma) & (sigma > 0.0) & (found > DETERMINED * sigma))
 
@@ -383,9 +420,17 @@ def _with_lens(camera: Camera, stated: Camera) -> Camera:
 def _adjusted(
     rows: Rows, now: _Estimate, used: Bools, body: BodyPrior, sigma: Floats, window_s: float
 ) -> tuple[Adjusted, Observations]:
-    """Run a bundle adjustment.
+    """Run a bundle adjustment; return its result and the observations. InputError without people seen by two cameras.
 
     The gauge is fixed by holding x and y of two distant cameras, and one clock.
+
+    Args:
+        rows: boxes with their persons.
+        now: cameras and clocks to start from.
+        used: (C,) cameras that are adjusted.
+        body: prior of people's size.
+        sigma: (C, 12) prior standard deviations; 0: fixed, inf: free.
+        window_s: width of a time step [s].
     """
     seen, states = observations(rows, now.clocks, window_s, [c.image_size for c in now.cameras], body)
     if not len(seen.time):
@@ -418,7 +463,17 @@ def _associated(
     metre: float,
     seed: int,
 ) -> Rows:
-    """Associate boxes with people by the multi-camera tracker, with the current cameras and clocks."""
+    """Associate boxes with people by the multi-camera tracker, with the current cameras and clocks.
+
+    Args:
+        frames: boxes of all cameras.
+        scene: of which the cameras count alone.
+        now: cameras and clocks.
+        used: (C,) cameras that are tracked with.
+        config: height of people.
+        metre: a metre in scene units.
+        seed: of the tracker.
+    """
     number = np.cumsum(used) - 1
     shifted = []
     box_of: dict[tuple[int, int], tuple[float, Floats]] = {}
@@ -469,7 +524,18 @@ def _placed(
     metre: float,
     loose: Bools,
 ) -> Calibrated:
-    """Transform the result to world coordinates, by the stated poses and the mean height of people."""
+    """Transform the result to world coordinates, by the stated poses and the mean height of people.
+
+    Args:
+        stated: C cameras as stated.
+        done: adjustment.
+        seen: its observations.
+        clocks: of the cameras.
+        used: (C,) cameras that were adjusted.
+        config: height of people and uncertainty of stated poses.
+        metre: a metre in scene units.
+        loose: (C, 12) parameters that the data hardly narrow.
+    """
     own = np.flatnonzero(used)
     known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
     log_scale = float(np.log(config.person_height * metre / done.mean_height))
@@ -539,7 +605,20 @@ def _result(
     mean_height: float,
     undetermined: Sequence[tuple[str, ...]],
 ) -> Calibrated:
-    """Assemble the result of an adjustment, with cameras in world coordinates."""
+    """Assemble the result of an adjustment, with cameras in world coordinates.
+
+    Args:
+        stated: C cameras as stated, which those that are not used keep.
+        cameras: the calibrated ones.
+        done: adjustment.
+        seen: its observations.
+        clocks: of the cameras.
+        used: (C,) cameras that were adjusted.
+        covariance: (C 12, C 12) of the parameters.
+        frame: (4,) standard deviations of all cameras together: x, y, yaw [rad], scale [1].
+        mean_height: of people.
+        undetermined: of each camera, names of parameters that the data hardly narrow.
+    """
     own = np.flatnonzero(used)
     # Offsets at the begin, as a scene states them
     since = clocks.origin - float(seen.stamps.min())
@@ -572,6 +651,13 @@ def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: floa
     """(C 12, C 12) covariance relative to the common similarity transform of all cameras.
 
     S-transformation (Baarda 1973): mean x, y, yaw and scale of the camera positions are held fixed.
+
+    Args:
+        covariance: (C 12, C 12) in the frame of the adjustment.
+        cameras: C cameras in the world.
+        own: indices of those that were adjusted.
+        scale: of the world over that of the adjustment.
+        turned: (3, 3) rotation to the world.
     """
     C = len(cameras)
     J = np.zeros((C * PARAMETERS, C * PARAMETERS))

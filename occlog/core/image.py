@@ -114,7 +114,13 @@ def colour_bins(image: Bytes, levels: int) -> Ints:
 
 
 def colour_counts(image: Bytes, mask: Bytes, levels: int) -> Ints:
-    """(m,) number of pixels in each bin, where a mask (height, width) is not 0."""
+    """(m,) number of masked pixels in each of m = `bins_of(levels)` colour bins.
+
+    Args:
+        image: (height, width, 3) BGR or (height, width) grey.
+        mask: (height, width); pixels with 0 do not count.
+        levels: of hue, of saturation and of brightness.
+    """
     return np.bincount(colour_bins(image, levels)[mask != 0], minlength=bins_of(levels))
 
 
@@ -126,7 +132,7 @@ def density(counts: Ints | Floats) -> Floats:
 
 
 def bhattacharyya(a: Floats, b: Floats) -> Floats:
-    """(K, R) Bhattacharyya coefficients of densities (K, m) and (R, m), 0 (disjoint) to 1 (equal) ([Lee] 5.5)."""
+    """(K, R) Bhattacharyya coefficients of densities a (K, m) and b (R, m), 0 (disjoint) to 1 (equal) ([Lee] 5.5)."""
     return np.asarray(np.clip(np.sqrt(a) @ np.sqrt(b).T, 0.0, 1.0))
 
 
@@ -211,7 +217,13 @@ def touching(ellipses: Floats) -> Bools:
 
 @kernel
 def quadratic(a: float, b: float, rho: float) -> tuple[float, float, float]:
-    """Coefficients A, B, C of the quadratic form q = A dx^2 + 2 B dx dy + C dy^2, which is 1 on the ellipse."""
+    """Coefficients A, B, C of the quadratic form q = A dx^2 + 2 B dx dy + C dy^2, which is 1 on the ellipse.
+
+    Args:
+        a: first semi-axis.
+        b: second semi-axis.
+        rho: angle of the first semi-axis to x [rad].
+    """
     c, s = math.cos(rho), math.sin(rho)
     ia, ib = 1.0 / (a * a), 1.0 / (b * b)
     return c * c * ia + s * s * ib, c * s * (ia - ib), s * s * ia + c * c * ib
@@ -228,7 +240,14 @@ def holds_pixels(ellipse: Floats) -> bool:
 
 @kernel
 def row_limits(cy: float, a: float, b: float, rho: float) -> tuple[int, int]:
-    """First and last pixel row that an ellipse meets, for which `holds_pixels` is True; first > last if none."""
+    """First and last pixel row that an ellipse meets, for which `holds_pixels` is True; first > last if there is none.
+
+    Args:
+        cy: row of the centre [px].
+        a: first semi-axis [px].
+        b: second semi-axis [px].
+        rho: angle of the first semi-axis to x [rad].
+    """
     reach = math.hypot(a * math.sin(rho), b * math.cos(rho))
     return math.ceil(cy - reach), math.floor(cy + reach)
 

@@ -51,7 +51,11 @@ def point_inside(x: float, y: float, polygon: Floats) -> bool:
 
 @kernel
 def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Twice the signed area of triangle abc; 0 if within rounding."""
+    """Orientation of the triangle with the corners (ax, ay), (bx, by), (cx, cy).
+
+    Returns:
+        Twice the signed area, > 0 if counter-clockwise; 0 if it is within the rounding error.
+    """
     left = (bx - ax) * (cy - ay)
     right = (by - ay) * (cx - ax)
     cross = left - right
@@ -62,7 +66,7 @@ def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: floa
 
 @kernel
 def segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats) -> bool:
-    """True if the open segment from a to b passes through the interior of the polygon.
+    """True if the open segment from (ax, ay) to (bx, by) passes through the interior of a polygon (K, 2).
 
     Touching a corner or running along an edge does not block.
     """
@@ -92,8 +96,8 @@ def segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats)
 def _touching_segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats) -> bool:
     """`segment_blocked` for a segment that touches the border only at corners, at end points or along edges.
 
-    The segment is cut at every vertex and end point; it is inside somewhere if and only if
-    it is inside at the middle of one of the pieces (and not on the border there).
+    The segment from (ax, ay) to (bx, by) is cut at every vertex of the polygon (K, 2); it is inside somewhere if and
+    only if it is inside at the middle of one of the parts (and not on the border there).
     """
     n = polygon.shape[0]
     dx, dy = bx - ax, by - ay
@@ -213,7 +217,7 @@ def convex_pieces(polygon: Floats) -> list[Floats]:
 
 
 def _turns(corners: Floats) -> Floats:
-    """(K,) cross product of the edges before and after each corner; > 0 turns left."""
+    """(K,) cross product of the edges before and after each corner of a polygon (K, 2); > 0 turns left."""
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
 
@@ -221,7 +225,12 @@ def _turns(corners: Floats) -> Floats:
 def _is_ear(corners: Floats, left: list[int], k: int, flat: float, border: float) -> bool:
     """Whether a corner is an ear (can be cut off); straight corners are.
 
-    `border`: tolerance for other corners in its triangle.
+    Args:
+        corners: (K, 2) counter-clockwise polygon.
+        left: indices of the corners that are not cut off.
+        k: position of the corner in `left`.
+        flat: cross product of two edges up to which a corner is straight.
+        border: tolerance for other corners in its triangle, as a cross product.
     """
     own = [left[k - 1], left[k], left[(k + 1) % len(left)]]
     a, b, c = corners[own]
@@ -352,7 +361,13 @@ def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> F
 
 
 def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]:
-    """Edge of a polygon nearest to a position, and the point at distance `away` outside of it."""
+    """Index of the edge of a polygon nearest to a position, and the point (2,) at distance `away` outside of it.
+
+    Args:
+        corners: (K, 2) counter-clockwise polygon; edge k begins at corner k.
+        xy: (2,) position.
+        away: distance from the nearest point of the edge.
+    """
     ends = np.roll(corners, -1, axis=0)
     edge = ends - corners
     share = np.clip(np.einsum("ki,ki->k", xy - corners, edge) / np.einsum("ki,ki->k", edge, edge), 0.0, 1.0)
@@ -362,7 +377,7 @@ def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]
 
 
 def offset_point(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
-    """Point outside edge k at distance `away` from a point on it."""
+    """Point (2,) outside edge k at distance `away` from `foot` (2,) on it; `corners` (K, 2) are counter-clockwise."""
     edge = corners[(k + 1) % len(corners)] - corners[k]
     return np.asarray(foot + away * np.array([edge[1], -edge[0]]) / np.hypot(*edge))
 
@@ -373,7 +388,10 @@ def _along(corners: Floats, k: int, xy: Floats) -> float:
 
 
 def offset(corners: Floats, away: float) -> Floats:
-    """Corners moved outwards so that the edges move by a distance (very sharp corners by less)."""
+    """(K, 2) corners of a counter-clockwise polygon (K, 2) with its edges moved outwards by `away`.
+
+    Very sharp corners move by less.
+    """
     edge = np.roll(corners, -1, axis=0) - corners
     normal = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
     before = np.roll(normal, 1, axis=0)
@@ -382,13 +400,16 @@ def offset(corners: Floats, away: float) -> Floats:
 
 
 def spread_along(a: Floats, positions: Floats, b: Floats, steps: int) -> Floats | None:
-    """(steps - 1, 2) positions from a via all of `positions` to b, including these; None if there are too few steps.
+    """Positions on the way from a via all of `positions` to b, at nearly equal distances.
 
     Args:
-        a: (2,)
-        positions: (m, 2)
-        b: (2,)
-        steps: from a to b.
+        a: (2,) start.
+        positions: (m, 2) each is one of the positions returned.
+        b: (2,) end.
+        steps: number of steps from a to b.
+
+    Returns:
+        (steps - 1, 2) positions between a and b, which are not included; None if there are fewer steps than legs.
     """
     way = np.vstack([a[None], positions, b[None]])
     leg = np.hypot(*np.diff(way, axis=0).T)
@@ -425,7 +446,14 @@ def make_floor(room: Floats, walls: Sequence[Floats]) -> Floor:
 
 @kernel
 def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
-    """(N,) mask of points (N, 2) on the floor."""
+    """(N,) mask of points on the floor: inside the room and outside all walls.
+
+    Args:
+        xy: (N, 2) points.
+        room: (K, 2) polygon.
+        walls: (V, 2) packed polygons.
+        starts: (P + 1,) first corner of each.
+    """
     free = inside_polygon(xy, room)
     for w in range(starts.shape[0] - 1):
         wall = walls[starts[w] : starts[w + 1]]
@@ -510,7 +538,7 @@ def _crossings(edges: Floats) -> Floats:
 
 
 def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator) -> Floats:
-    """Sample (N, 2) positions on the floor, each uniform within `reach` of one of the points (N, 2).
+    """Sample (N, 2) positions on the floor, each uniform within `reach` of one of the points `xy` (N, 2).
 
     For a point with hardly any floor around it the position is anywhere on the floor.
 

@@ -39,7 +39,13 @@ def symmetric(matrix: Floats) -> Floats:
 
 
 def predicted(state: Gaussian, F: Floats, Q: Floats) -> Gaussian:
-    """Predict a Gaussian state: linear motion F with process noise Q."""
+    """Predict a Gaussian state by linear motion: mean F x, covariance F P F^T + Q.
+
+    Args:
+        state: before.
+        F: (n, n) transition matrix.
+        Q: (n, n) covariance of the process noise.
+    """
     return Gaussian(F @ state.mean, F @ state.covariance @ F.T + Q)
 
 
@@ -62,7 +68,7 @@ def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[
 
 
 def log_normal(off: Floats, S: Floats) -> float:
-    """Log density of N(0, S) at residuals `off` (m,)."""
+    """Logarithm of the density of N(0, S) at the residuals `off` (m,), with the covariance S (m, m)."""
     _, volume = np.linalg.slogdet(S)
     return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
 
@@ -71,6 +77,10 @@ def rts_smooth(links: Sequence[PosteriorRecord], transition: Transition) -> list
     """Smoothed states by the recursion of Rauch, Tung and Striebel (1965), one for each link.
 
     A reinitialised link separates the states before it from those after it.
+
+    Args:
+        links: filtered states of a target in the order of time, at least one.
+        transition: transition matrix F and process noise Q for a time step [s].
     """
     out: list[Gaussian] = []
     later, ahead = links[-1].after, None

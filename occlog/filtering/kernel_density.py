@@ -54,7 +54,7 @@ class KernelDensity(NamedTuple):
 
 
 def silverman_bandwidth(particles: int, dimension: int) -> float:
-    """Silverman's bandwidth h in standard deviations: (4 / (n (d + 2)))^(1 / (d + 4))."""
+    """Silverman's bandwidth of n particles of dimension d, in standard deviations: (4 / (n (d + 2)))^(1 / (d + 4))."""
     return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
 
 
@@ -83,7 +83,7 @@ def kernel_density(
 
 
 def _stretched(off: Floats, covariance: Floats) -> Floats:
-    """(n, K) deviations from the mean, scaled to a covariance; unchanged if that is impossible."""
+    """(n, K) deviations `off` (n, K), centred and scaled to a covariance (n, n); centred only if that is impossible."""
     off = off - off.mean(axis=1)[:, None]
     own = off @ off.T / off.shape[1]
     try:
@@ -93,7 +93,10 @@ def _stretched(off: Floats, covariance: Floats) -> Floats:
 
 
 def last_states(end: KernelDensity, count: int, rng: Generator) -> tuple[Floats, Ints]:
-    """Sample final states (n, M) of trajectories, with the density's mean and covariance, and their kinds (M,)."""
+    """Sample final states (n, M) of trajectories and their kinds (M,), M = `count`.
+
+    They have the density's mean and covariance.
+    """
     rows = systematic_ancestors(np.full(end.centres.shape[1], 1.0 / end.centres.shape[1]), count, rng.random())
     noise = root_of(end.covariance) @ rng.standard_normal((len(end.mean), count))
     drawn = end.centres[:, rows] + end.width * noise
@@ -136,9 +139,17 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) index of a centre drawn for each position (n, M) from K centres (n, K), by unit Gaussians times `chances`.
+    """(M,) index of a centre drawn for each of M positions, with unit Gaussians around K centres times `chances`.
 
     It is the nearest centre if all weights are 0.
+
+    Args:
+        centres: (n, K) whitened.
+        at: (n, M) positions, whitened as the centres.
+        before: (K,) kind of each centre.
+        after: (M,) kind of each position.
+        chances: transition probabilities, by kind before and kind after.
+        u: (M,) uniform random numbers in [0, 1).
     """
     n, K = centres.shape
     M = at.shape[1]
@@ -238,7 +249,15 @@ def resample_with_kernel(
 
 @array_kernel
 def _shifted(cloud: Floats, rows: Ints, mean: Floats, a: float, shift: Floats) -> Floats:
-    """Selected particles shrunk to the mean and moved by shifts (d, H), the second half with opposite sign."""
+    """Return selected particles (d, N) shrunk to the mean and moved by shifts, the second half with opposite sign.
+
+    Args:
+        cloud: (d, L) particles.
+        rows: (N,) indices of the selected ones.
+        mean: (d,) of the cloud.
+        a: factor of the distances from the mean.
+        shift: (d, H) of the first H particles; the others take the first N - H.
+    """
     n, H = rows.shape[0], shift.shape[1]
     out = np.empty((cloud.shape[0], n))
     for k in range(cloud.shape[0]):

@@ -27,7 +27,10 @@ Count = TypeVar("Count")
 
 
 def elapsed(before_ns: int | None, t_ns: int) -> float:
-    """Time since the last scan [s]; 0 before the first; ValueError for a scan that is earlier than the last."""
+    """Time [s] from the last scan, at `before_ns`, to the scan at `t_ns`; 0 if there was none (None).
+
+    ValueError for a scan that is earlier than the last one.
+    """
     if before_ns is None:
         return 0.0
     if t_ns < before_ns:
@@ -75,5 +78,5 @@ def track_loss_count(before: int, against: int, reports: int) -> int:
 
 
 def is_lost(count: int, lost_after: int) -> bool:
-    """Whether the counter has reached its limit; a limit of 0 disables it."""
+    """Whether `count` has reached the limit `lost_after`; a limit of 0 disables it."""
     return 0 < lost_after <= count

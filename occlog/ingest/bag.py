@@ -127,6 +127,12 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
     """Cameras of a bag with poses from their calibrations and transforms, except those with poses from other files.
 
     The world frame is the one that the user gives, else the highest one in the transform tree in which no camera moves.
+
+    Args:
+        found: topics and calibrations of the bag.
+        plan: options of the user.
+        others: names of cameras with poses from other files.
+        note: called with remarks for the user.
     """
     reasons: dict[str, str] = {}
     known = {}
@@ -174,7 +180,10 @@ def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], n
 
 
 def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> None:
-    """InputError if images have the full sensor size although the calibration states binning or a region."""
+    """InputError if images have the full sensor size although the calibration states binning or a region.
+
+    `stated` is the image size that follows from these.
+    """
     info, size = found.infos[camera], found.sizes.get(camera)
     if size is not None and size != stated and size == info.size:
         raise InputError(
@@ -187,7 +196,10 @@ def _check_region(camera: str, found: BagSurvey, stated: tuple[int, int]) -> Non
 def _camera(
     name: str, model: Intrinsics, rotation: Floats, centre: Floats, where: str, options: CalibrationOptions
 ) -> Camera:
-    """Create the camera of a pose; `rotation` is world-from-camera."""
+    """Create the camera of a pose: `rotation` (3, 3) is world-from-camera, `centre` (3,) the position.
+
+    `where` names the source in messages.
+    """
     pose = Pose(
         name=name,
         focal_px=model.focal_px,
@@ -212,7 +224,7 @@ def _shared_frames(found: BagSurvey) -> set[str]:
 
 
 def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None:
-    """World frame; None if the bag has no transforms of its cameras.
+    """World frame in which to place `cameras` (names); None if the bag has no transforms of them.
 
     UsageError if the frame that the user gives is missing, or the cameras are in unconnected trees.
     """
@@ -242,9 +254,9 @@ def _placed(tree: Transforms, frame: str, world: str | None) -> FramePose:
 
 
 def _pose(camera: str, frame: str, placed: FramePose, plan: IngestPlan) -> FramePose:
-    """World-from-camera pose of a frame with optical axes (z forward), or body axes (x forward, z up).
+    """World-from-camera pose with optical axes (z forward); a frame stated to have body axes (`camera_axes`) is turned.
 
-    UsageError for a frame without "optical" in its name and with z up: it cannot be an image frame.
+    UsageError if the axes are not stated, the name lacks "optical" and z points up, as in a frame with body axes.
     """
     if plan.camera_axes == "body":
         return FramePose(placed.rotation @ BODY, placed.translation)
@@ -276,7 +288,10 @@ class _CameraState:
     taken: int = 0
 
     def skip(self, log_ns: int, t_ns: int) -> None:
-        """Count a message with a time that is not after that of the previous one."""
+        """Count a message with a time that is not after that of the previous one.
+
+        `log_ns` is when it was recorded, `t_ns` its own time [ns].
+        """
         back_ns = (self.last or 0) - t_ns
         self.first_late = self.first_late or f"the first after message {self.taken - 1}, recorded {utc(log_ns)}"
         self.late, self.back_ns = self.late + 1, max(self.back_ns, back_ns)
@@ -298,7 +313,7 @@ class GatheredVideo:
     """
 
     def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
-        """Create the file, without messages."""
+        """Create the file at `path`, without messages, for a stream with an encoding and a size (width, height)."""
         self.reason, self.numbers, self.times = "", list[int](), list[int]()
         self.file = StreamFile(path, encoding.lower(), size)
         self._reader = StreamReader(encoding)
@@ -306,7 +321,10 @@ class GatheredVideo:
         self._whole = False  # from the last key frame on all messages are there
 
     def add(self, data: bytes, t_ns: int) -> None:
-        """Add the next message; InputError if it is not a picture of the stream."""
+        """Add the next message, of time `t_ns` [ns]; InputError if it is not a picture of the stream.
+
+        Pictures that cannot be decoded, before a key frame or after a missing one, are counted and left out.
+        """
         number, self._count = self._count, self._count + 1
         unit = self._reader.read(data)
         if unit.key:
@@ -323,7 +341,7 @@ class GatheredVideo:
         self.times.append(t_ns)
 
     def fail(self, reason: str) -> None:
-        """Note an unreadable message: pictures up to the next key frame depend on it."""
+        """Note an unreadable message, with the reason: pictures up to the next key frame depend on it."""
         self._whole, self.reason = False, self.reason or reason
 
     def end(self) -> int:
@@ -333,7 +351,7 @@ class GatheredVideo:
 
 
 def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSource:
-    """Decoder of a collected stream, with message numbers and times."""
+    """Decoder of a collected stream, with message numbers and times, for the frames that the plan selects."""
     times = np.array(stream.times, dtype=np.int64)
     first, stop = plan.frames.of(camera) or (0, None)
     start = bisect_left(stream.numbers, first)
@@ -351,7 +369,7 @@ def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSou
 
 
 def _of_messages(loss: Loss, topic: str, numbers: Sequence[int]) -> Loss:
-    """Replace picture numbers in a loss of the decoder by message numbers."""
+    """Replace picture numbers in a loss of the decoder by message numbers; `numbers` has that of each picture."""
     return replace(
         loss,
         source=topic,
@@ -377,7 +395,17 @@ class Taking:
         placement: BagCameraPoses,
         turn: Turn | None,
     ) -> None:
-        """Initialise from the selected topics."""
+        """Initialise from the selected topics.
+
+        Args:
+            bag: open bag.
+            found: its selected topics.
+            plan: options of the user.
+            scene: scene of the recording.
+            clocks: by name of the sensor.
+            placement: poses of the bag's cameras.
+            turn: transform to the levelled world; None: it is upright.
+        """
         self.bag, self.found, self.plan, self.scene = bag, found, plan, scene
         self.frames: dict[str, int] = {}
         self.rows: dict[str, int] = {}
@@ -587,14 +615,14 @@ class Taking:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove the files of streams of video."""
+        """Remove the files of video streams."""
         for stream in self._streams.values():
             stream.file.close()
         if self._folder is not None:
             self._folder.cleanup()
 
     def _video(self, topic: str, read: ImageMessage, t_ns: int) -> None:
-        """Collect a message of a video stream."""
+        """Collect a message of a video stream, of time `t_ns` [ns], in a file of the topic."""
         camera = self._cameras[topic]
         if topic not in self._streams:
             self._folder = self._folder or tempfile.TemporaryDirectory(prefix="occlog-video-")
@@ -662,7 +690,13 @@ def _is_same(a: InfoMessage, b: InfoMessage) -> bool:
 
 
 def check_truth_frames(found: BagSurvey, placement: BagCameraPoses, note: Note) -> None:
-    """Note that true positions are used unchanged if the pose of their frame is unknown."""
+    """Note that true positions are used unchanged, if no transforms of the bag relate them to the scene.
+
+    Args:
+        found: topics of the bag; without true positions there is no note.
+        placement: poses by the transforms of the bag, and their world frame.
+        note: called with the text of the note.
+    """
     if found.map.poses and placement.world is None:
         note("bag: no transforms give poses of the cameras: true positions are taken to be in the scene's world")
 
@@ -671,7 +705,7 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
     """Check options against the cameras and arrays of a bag; UsageError for options that it cannot use.
 
     Directions of an array missing from the scene are an error if their topic was given explicitly, else they are
-    skipped.
+    removed from `found`, with a note.
     """
     arrays, asked = [a.name for a in scene.arrays], {topic for _, topic in asked_topics(plan)}
     for array, topic in list(found.map.directions.items()):

@@ -52,7 +52,7 @@ class BoxExtents:
     """Histogram of the farthest right and lower box edges, by pixel."""
 
     def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Begin with the widths and heights [px] of the images of the cameras."""
+        """Start without boxes; `sizes` are width and height [px] of the images of the cameras."""
         self._sizes = sizes
         self._counts: dict[tuple[str, int], Ints] = {}
         self._along: dict[tuple[str, int], Floats] = {}  # (MAX_PX, 2) least and greatest middle of the boxes along it
@@ -88,7 +88,12 @@ class BoxExtents:
         return outcome(EXTENTS, self._found(known, given), unless=none)
 
     def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
-        """Report another image size, consistent over the piles of box edges of all cameras."""
+        """Report another image size, if the edges of boxes of all cameras agree on it; else boxes beyond the images.
+
+        Args:
+            known: names of cameras with a size of images, rather than of the calibration.
+            given: the user gives the size.
+        """
         sized = [key for key in self._counts if key[0] in self._sizes]
         borders = [self._border(*key) for key in sized]
         piles = [border for border in borders if border is not None]
@@ -109,7 +114,10 @@ class BoxExtents:
         yield finding(EXTENTS, "boxes-end-inside", found=found, stated=own, factor=factor, hint=remedy)
 
     def _beyond(self, sized: Sequence[tuple[str, int]]) -> Iterator[Check]:
-        """Report cameras with many boxes that extend beyond the stated image."""
+        """Report cameras with many boxes that extend beyond the stated image.
+
+        `sized` are pairs of a camera and an axis, 0: columns, 1: rows.
+        """
         shares: dict[str, float] = {}
         for name, axis in sized:
             count, first = self._counts[name, axis], min(self._sizes[name][axis] + BEYOND_PX, MAX_PX)

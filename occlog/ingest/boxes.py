@@ -32,7 +32,16 @@ Note = Callable[[str], None]
 
 
 def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
-    """Survey cameras and frames of the box files; None without files."""
+    """Read the box files to find their cameras, frames and classes, and note in one line what they hold.
+
+    Args:
+        plan: has the files and how they are read.
+        scene: has the cameras.
+        note: called with the text of the note.
+
+    Returns:
+        None if the plan has no box files.
+    """
     if not plan.boxes:
         return None
     found = survey_boxes(box_files(plan), known_cameras(plan, scene), box_options(plan))
@@ -59,7 +68,7 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
 
 
 def note_frames(found: BoxSurvey, times: Mapping[str, FrameTimes], note: Note) -> None:
-    """Note the frame ranges of the cameras if they differ, as with unequal frame rates."""
+    """Note the frame ranges of the cameras if they differ, as with unequal frame rates; `times` are by camera."""
     frames = found.frames(times)
     if len({(each.start, each.stop) for each in frames.values()}) > 1:
         text = ", ".join(f"{name} {each[0]} to {each[-1]}" for name, each in frames.items() if each)
@@ -74,7 +83,8 @@ def box_files(plan: IngestPlan) -> list[BoxFile]:
 def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | None:
     """Number of frame 0 in a folder of boxes: that of the images, or 1 for files named after the frames of a video.
 
-    None if it follows from the folder alone, or is given.
+    None if it follows from the folder alone, or is given. `camera` is the one that the user names for the folder, if
+    any.
     """
     if plan.first_number is not None or not path.is_dir() or is_annotations(Probe(path, "a folder of boxes")):
         return None
@@ -91,7 +101,7 @@ def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | Non
 
 
 def known_cameras(plan: IngestPlan, scene: Scene) -> list[str]:
-    """Names of cameras that labels in tables can refer to."""
+    """Names of cameras that labels in tables can refer to: those with inputs, or without any those of the scene."""
     given = _named_cameras(plan)
     return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
 
@@ -118,7 +128,11 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
-    """Options for reading true boxes; all classes are kept unless classes are given."""
+    """Options for reading true boxes: those of boxes, except for a first frame number that is stated for the truth.
+
+    All classes are kept unless the plan names some. A box of an unknown camera, without a size, or in the file twice is
+    an error.
+    """
     options = replace(box_options(plan, scene), others=False, lenient=False)
     if plan.truth_first_number is not None:
         options = replace(options, first_number=plan.truth_first_number)
@@ -135,11 +149,18 @@ def inside(
     *,
     given: bool = False,
 ) -> Iterator[B]:
-    """Generate the tables without boxes entirely outside the image or outside the valid field of the lens (losses).
+    """Generate the tables without boxes entirely outside the image or outside the valid field of the lens.
 
-    Boxes that extend beyond the border are kept, since detectors complete truncated people; their number is noted. The
-    check of box edges is added to `found`. `known`: cameras with a known size of images rather than of the calibration;
-    `given`: the user gives the size.
+    Boxes that extend beyond the border are kept, since detectors complete truncated people; their number is noted.
+
+    Args:
+        tables: boxes, of cameras of the scene.
+        scene: has the cameras and image sizes.
+        losses: those of removed boxes are added, at the end.
+        note: called with remarks for the user.
+        found: the check of box edges is added, at the end.
+        known: names of cameras with a size of images, rather than of the calibration.
+        given: the user gives the size.
     """
     sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
     extents, total = BoxExtents(sizes), 0
@@ -175,7 +196,7 @@ def inside(
 
 
 def beyond_lens(table: Boxes, scene: Scene) -> Bools:
-    """(N,) mask of boxes with the middle of an edge outside the valid field of a fisheye lens."""
+    """(N,) mask of the boxes of a table with the middle of an edge outside the valid field of a fisheye lens."""
     gone = np.zeros(len(table), dtype=np.bool_)
     right, bottom = table.left_px + table.width_px, table.top_px + table.height_px
     across, down = 0.5 * (table.left_px + right), 0.5 * (table.top_px + bottom)
@@ -187,13 +208,16 @@ def beyond_lens(table: Boxes, scene: Scene) -> Bools:
 
 
 def lens_losses(counts: Mapping[str, int], total: int) -> list[Loss]:
-    """Losses, by camera, of boxes outside the valid field of the lens, out of `total` boxes."""
+    """Losses of boxes outside the valid field of the lens, out of `total` boxes; `counts` are theirs by camera."""
     what = f"more than {MAX_FISHEYE_DEG:.0f} degrees off the axis of a fisheye lens"
     return [Loss(name, "boxes", what, count, total) for name, count in sorted(counts.items())]
 
 
 def without(table: B, gone: Bools) -> B:
-    """Remove boxes from a table; a frame without any other box keeps a row without detection."""
+    """Return a table without the boxes of the mask `gone` (N,).
+
+    A frame without any other box keeps a row without detection.
+    """
     kept = table.take(~gone)
     pairs = set(zip(kept.sensor.tolist(), kept.frame.tolist(), strict=True))
     alone: list[int] = []

@@ -35,16 +35,19 @@ RATE = "10"
 def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
     """Replace a WILDTRACK folder in the options by the equivalent options for its parts.
 
-    Options given in addition have priority; with boxes, the images of the folder are skipped.
+    Options given in addition have priority; with boxes, the images of the folder are skipped. `values` are unchanged.
 
     Raises:
-        UsageError: the folder has no images, and there are no boxes.
+        UsageError: there are two such folders, or one without images, and there are no boxes.
     """
     found = [path for path in values["bags"] if is_wildtrack(path)]
     if not found:
         return dict(values)
     if len(found) > 1:
-        raise UsageError(f"{found[1]}: a second data set; make a recording of each", id="ambiguous-input")
+        raise UsageError(
+            f"{found[1]}: a second WILDTRACK folder; run occlog ingest for each, with its own output",
+            id="ambiguous-input",
+        )
     folder, out = found[0], dict(values)
     out["bags"] = tuple(path for path in values["bags"] if path != folder)
     if not values["calibration"] and not values["scene"]:
@@ -139,7 +142,7 @@ def with_offsets(scene: Scene, offsets: Mapping[str, float]) -> Scene:
 
 
 def _free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or the first unused one of `name-2`, `name-3`, ..."""
+    """Return the name, or the first of `name-2`, `name-3`, ... that is not taken."""
     return next(each for each in (name, *(f"{name}-{n}" for n in range(2, len(taken) + 3))) if each not in taken)
 
 
@@ -501,7 +504,10 @@ def is_name(text: str) -> bool:
 
 
 def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
-    """Parse `NAME=VALUE` or `VALUE`; a text that is an existing file is a value even if it contains `=`."""
+    """Parse texts `NAME=VALUE` or `VALUE` (name None); `kind` converts the value.
+
+    A text that is an existing file is a value even if it contains `=`.
+    """
     out: list[tuple[str | None, T]] = []
     for text in values:
         name, mark, value = text.partition("=")
@@ -513,7 +519,10 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
 
 
 def frames_of(values: Iterable[str]) -> FrameChoice:
-    """Parse frame ranges `A:B` and `NAME=A:B`, or two numbers; UsageError for anything else or a repeated camera."""
+    """Parse frame ranges `A:B` and `NAME=A:B`, or two numbers.
+
+    UsageError for anything else or a repeated camera.
+    """
     common, own = None, {}
     texts = tuple(values)
     if len(texts) == 2 and all(text.isdecimal() for text in texts):  # a list in YAML
@@ -535,7 +544,10 @@ def frames_of(values: Iterable[str]) -> FrameChoice:
 
 
 def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
-    """Parse `NAME=VALUE` pairs; UsageError for a missing or repeated name."""
+    """Parse texts `NAME=PATH` to paths by name; UsageError for a missing or repeated name.
+
+    `setting` names the option in messages.
+    """
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
@@ -549,7 +561,10 @@ def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
 
 
 def for_sensor(pairs: Iterable[tuple[str | None, T]], name: str) -> T | None:
-    """Value for a sensor: its own, or the one without a name; the last one has priority; None without either."""
+    """Value, of pairs of name and value, for a sensor: its own, or the one without a name.
+
+    The last one has priority; None without either.
+    """
     own = [value for key, value in pairs if key == name]
     common = [value for key, value in pairs if key is None]
     return own[-1] if own else (common[-1] if common else None)

@@ -14,7 +14,7 @@ from .plan import IngestPlan, frames_of
 
 
 def _several(help_text: str, option: str, metavar: str) -> Any:
-    """Declare a repeatable option with values that may be for one sensor: `NAME=VALUE`."""
+    """Declare a repeatable option with values that may be for one sensor: `NAME=VALUE`; default: none."""
     return setting((), help_text, option=option, metavar=metavar, repeat=True, whole=True, shown="")
 
 

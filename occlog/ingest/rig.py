@@ -93,7 +93,12 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
 
 
 def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check]:
-    """Report a world that is not upright, or was levelled by horizons which leave the cameras' pitch open."""
+    """Report a world that is not upright, or was levelled by horizons which leave the cameras' pitch open.
+
+    Args:
+        rotations: (C, 3, 3) world-from-camera rotations.
+        up: as the user gives it: None, `auto`, or a direction.
+    """
     if up is None and not is_upright(rotations):
         direction = vertical(rotations).up
         off_deg = float(np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0))))
@@ -115,9 +120,13 @@ much less it has to be with another meaning of the extrinsics, where nothing els
 
 
 def _distance_from_axes(places: Floats, axes: Floats) -> float:
-    """Mean distance of optical axes (n, 3) at positions (n, 3) from the point nearest to all, over their extent.
+    """Mean distance of optical axes from the point nearest to all, over the extent of the cameras' positions.
 
     Infinite if that point is not in front of all cameras, or the extent is 0.
+
+    Args:
+        places: (n, 3) positions.
+        axes: (n, 3) unit vectors.
     """
     point, along = meeting_point(places, axes)
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))
@@ -127,11 +136,11 @@ def _distance_from_axes(places: Floats, axes: Floats) -> float:
 
 
 def _misread(cameras: Sequence[Camera], limit: float = NEAR) -> Iterator[Check]:
-    """Report a convention of the extrinsics in which all cameras are upright, above the ground, and view one position.
+    """Report another convention of the extrinsics that makes all cameras upright, above ground, and view one place.
 
     Args:
         cameras: as read.
-        limit: for the distance of their axes from that place; see `_distance_from_axes`.
+        limit: mean distance of the optical axes from that place, over the extent of the cameras, below which it fits.
     """
     found = [
         (_distance_from_axes(places, axes[:, :, 2]), change)

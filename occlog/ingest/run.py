@@ -75,7 +75,10 @@ class Ingested(IngestFailures):
 
 
 def run_ingest(request: IngestRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Write the recording; return the summary and the losses."""
+    """Ingest files as a recording; return the summary and the losses.
+
+    Findings made so far are printed before an InputError is raised.
+    """
     plan, done = request.plan, Ingested()
     try:
         return _ingest(plan, job, done)
@@ -153,7 +156,10 @@ class _OpenBag(NamedTuple):
 
 
 def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[str], None]) -> _OpenBag | None:
-    """Open the bag and select its topics; None if there is no bag."""
+    """Open the bag, until `stack` closes, and select its topics; None if there is no bag.
+
+    InputError for a recording of occlog.
+    """
     if not plan.bags:
         return None
     for path in plan.bags:
@@ -181,7 +187,17 @@ def _write_bag(
     done: Ingested,
     job: Job,
 ) -> None:
-    """Write images and rows of a bag, in one pass."""
+    """Write images and rows of a bag to the recording, in one pass.
+
+    Args:
+        bag: its topics and the poses of its cameras.
+        plan: inputs and options.
+        scene: has sensors and clocks.
+        turn: transform to the levelled world; None: the world is upright.
+        writer: of the recording.
+        done: what was written so far; counts, losses and findings are added.
+        job: shows the progress, and has the messages.
+    """
     clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
     with Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn) as taking:
         for message in job.progress(taking.messages(), "ingest", taking.count):
@@ -208,7 +224,17 @@ def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
 def _all_times(
     plan: IngestPlan, scene: Scene, sources: list[CameraSource], survey: BoxSurvey | None
 ) -> dict[str, FrameTimes]:
-    """Frame times of every camera: from its images, time stamp file, table, or a given frame rate."""
+    """Times of the frames of each camera, by its name; a camera of which they are unknown is omitted.
+
+    They come from the camera's video or images, or else, for a camera with boxes alone, from a time stamp file, a
+    stated frame rate or the box file itself.
+
+    Args:
+        plan: inputs and options.
+        scene: has the cameras and their clocks.
+        sources: cameras with a video or images.
+        survey: of the box files; None: there are none.
+    """
     found: dict[str, FrameTimes] = {}
     cameras = [c.name for c in scene.cameras]
     sidecars = read_sidecars(plan, cameras)
@@ -229,7 +255,10 @@ def _all_times(
 def _write_frames(
     plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, job: Job
 ) -> None:
-    """Write the frames of all cameras sorted by time; a camera that fails is a loss, unless all fail."""
+    """Write the frames of all cameras sorted by time; counts and failures are added to `done`.
+
+    A camera that fails is a loss, unless all fail (InputError).
+    """
     streams = [_guarded(source, done) for source in sources]
     total = sum(s.decoder.frames or 0 for s in sources) or None
     merged = heapq.merge(*streams, key=lambda item: (item[0], item[1]))
@@ -268,7 +297,18 @@ def _write_tables(
     done: Ingested,
     note: Callable[[str], None],
 ) -> None:
-    """Write rows of boxes, directions and truth."""
+    """Write rows of boxes, directions and truth; losses, counts and findings are added to `done`.
+
+    Args:
+        plan: options of the user.
+        scene: scene of the recording.
+        turn: transform of the truth to the levelled world; None: it is upright.
+        survey: of the box files; None: there are none.
+        times: frame times by camera.
+        writer: of the recording.
+        done: updated.
+        note: called with remarks for the user.
+    """
     tables: list[Iterator[ColumnTable]] = []
     if survey is not None:
         known = known_cameras(plan, scene)
@@ -311,7 +351,18 @@ def _write_tables(
 def _write_positions(
     plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
 ) -> None:
-    """Write the positions of all files; UsageError if a source is in two files or is a sensor of the scene."""
+    """Write the positions of all position files, and add their numbers of rows and findings to `done`.
+
+    Args:
+        plan: has the files and how they are read.
+        scene: has the sensors.
+        writer: of the recording.
+        done: what was written so far.
+        note: called with a line of text for each file.
+
+    Raises:
+        UsageError: the name of a source is in two files, or is that of a sensor.
+    """
     grid = None if plan.grid is None else parse_grid(plan.grid)
     taken = {sensor.name: f"a sensor of the scene, {sensor.name}" for sensor in scene.sensors}
     for name, path in plan.positions:
@@ -346,7 +397,7 @@ def _write_positions(
 
 
 def _positions_in_words(path: Path, log: PositionLog) -> str:
-    """One-line description of what was read from a position file."""
+    """Describe in one line what was read from a position file."""
     table = log.table
     there = table.detection >= 0
     x, y = table.x[there], table.y[there]
@@ -367,7 +418,18 @@ def _positions_in_words(path: Path, log: PositionLog) -> str:
 def _write_reads(
     plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
 ) -> None:
-    """Write the reads of all logs; a tag has the same target in all of them."""
+    """Write the reads of all tag logs, and add their numbers of rows, tags and findings to `done`.
+
+    Args:
+        plan: has the files and how they are read.
+        scene: has the readers.
+        writer: of the recording.
+        done: what was written so far.
+        note: called with a line of text for a log that was not sorted by time.
+
+    Raises:
+        InputError: a tag has different targets in two logs, or a target different tags.
+    """
     names = [r.name for r in scene.readers]
     clocks = {name: clock for name in names if (clock := clock_of(scene, name)) is not None}
     copies = Copies(several=len(plan.reads) > 1)
@@ -391,7 +453,10 @@ def _write_reads(
 
 
 def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
-    """InputError if a tag had another target in an earlier log, or a target another tag."""
+    """InputError if a tag had another target in an earlier log, or a target another tag.
+
+    `known` has the target of each tag of the earlier logs.
+    """
     owner = {target: tag for tag, target in known.items()}
     for tag, target in log.tags.items():
         if known.get(tag, target) != target or owner.get(target, tag) != tag:
@@ -408,6 +473,13 @@ def _truth(
     """Generate tables of the truth, in the levelled world of the cameras.
 
     Without cameras, a frame rate given for all converts its frame numbers.
+
+    Args:
+        path: file of the truth.
+        how: options of its reader.
+        plan: options of the user.
+        turn: transform to the levelled world; None: it is upright.
+        length_unit: of the scene.
     """
     if not how.times:
         rate = times_of(plan, "", {})
@@ -448,7 +520,7 @@ def _split_tables(
 
 
 def _twice(key: int | str, other: Path) -> str:
-    """Message that another file has the same target, or boxes of the same camera, at the same times."""
+    """Message that the file `other` has the same target (int), or boxes of the same camera (str), at the same times."""
     if isinstance(key, str):
         return f"camera {key}: has true boxes in {other}, too, at the same times; join the files"
     return (

@@ -43,7 +43,7 @@ class Turn(NamedTuple):
     ground: float  # height of the ground after the rotation
 
     def positions(self, xyz: Floats) -> Floats:
-        """(N, 3) positions in the levelled world."""
+        """Return positions `xyz` (N, 3) of the calibration's world in the levelled world."""
         return np.asarray(xyz @ self.rotation.T - [0.0, 0.0, self.ground])
 
     def camera(self, camera: Camera) -> Camera:
@@ -67,7 +67,10 @@ class Turn(NamedTuple):
         return replace(camera, position=position, rotation=rotation, fov=fov)
 
     def truth(self, truth: Truth, path: Path) -> Truth:
-        """True positions in the levelled world; InputError if a position without height would have to be tilted."""
+        """True positions in the levelled world, as a new table.
+
+        InputError if a position without height would have to be tilted; `path` is its file, for the message.
+        """
         unknown = np.isnan(truth.z)
         if unknown.any() and self.rotation[:2, 2].any():
             raise InputError(
@@ -154,7 +157,13 @@ class Sized(NamedTuple):
 def with_stated_sizes(
     frames: Mapping[str, Sized], survey: BoxSurvey | None, scene: Scene, given: tuple[int, int] | None
 ) -> dict[str, Sized]:
-    """Frame sizes: those of images, else those that box files state, else the size that is given.
+    """Frame sizes by camera: those of images, else those that box files state, else the size that is given.
+
+    Args:
+        frames: sizes of images, by camera.
+        survey: of the box files; None: there are none.
+        scene: has the cameras.
+        given: width and height that the user gives; None: not given.
 
     Raises:
         InputError: a file states another size than the frames have, or the given one is that of neither.
@@ -229,7 +238,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
 
 
 def _has_bars(bars: Bars, margin: np.ndarray) -> bool:
-    """Whether the black bars are as wide as the margins (x, y) on both sides."""
+    """Whether the black bars (left, top, right, bottom) are as wide as the margins (x, y) on both sides."""
     wanted = np.array([margin[0], margin[1], margin[0], margin[1]])
     there = wanted >= MIN_BAR_PX
     return bool((np.abs(np.array(bars) - wanted)[there] <= BAR_SLACK_PX).all())
@@ -259,7 +268,16 @@ class IngestScene(NamedTuple):
 def add_bag_cameras(
     scene: Scene, cameras: tuple[Camera, ...], world: str | None, found: Sequence[Check], plan: IngestPlan, note: Note
 ) -> IngestScene:
-    """Add the cameras of a bag to the scene; also return the transform of their world."""
+    """Add the cameras of a bag to the scene; also return the transform to the levelled world, and checks.
+
+    Args:
+        scene: without them.
+        cameras: of the bag; empty: the scene is unchanged.
+        world: name of their world frame.
+        found: checks of their calibration.
+        plan: options of the user.
+        note: called with remarks for the user.
+    """
     if not cameras:
         return IngestScene(scene, None, world_checks((), None, ground_stated=False))
     if scene.length_unit != "m":
@@ -279,7 +297,8 @@ def add_bag_cameras(
 def base_scene(plan: IngestPlan, note: Note) -> IngestScene:
     """Scene from the scene file, the calibration and the tables of arrays, before cameras are matched.
 
-    Also returns the transform of the calibration's world. The scene file and the arrays are in the levelled world.
+    Also returns the transform of the calibration's world, and checks. The scene file and the arrays are in the levelled
+    world. `note` is called with remarks for the user.
     """
     turn: Turn | None = None
     checks = world_checks((), None, ground_stated=False)
@@ -341,7 +360,7 @@ def _says_metres(path: Path) -> bool:
 
 
 def _check_names(plan: IngestPlan, names: Sequence[str]) -> None:
-    """UsageError if a reader of the table has the name of another sensor."""
+    """UsageError if a reader of the table has the name of another sensor; `names` are those of all sensors."""
     if plan.readers is not None and (double := first_double(names)) is not None:
         raise UsageError(
             f"{plan.readers}: reader {double} has the name of another sensor; names must differ", id="duplicate-name"
@@ -358,10 +377,16 @@ def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, 
 
 
 def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons: Mapping[str, str]) -> Scene:
-    """The scene with the cameras that have data, renamed as the user gives.
+    """Return the scene with the cameras that have data, renamed as the user gives.
 
-    Calibrated cameras without data are skipped, those of a scene file are kept. `reasons`: why cameras of a bag have no
-    pose.
+    Calibrated cameras without data are skipped, those of a scene file are kept. InputError for a camera without
+    calibration, unless the plan allows it.
+
+    Args:
+        scene: with the calibrated cameras.
+        wanted: names of cameras with data.
+        plan: options of the user.
+        reasons: why cameras of a bag have no pose, by name.
     """
     kept = {c.name: c for c in scene.cameras}
     # An entry with the exact name of another camera is of that one
@@ -397,7 +422,7 @@ def _find(name: str, names: Sequence[str]) -> str | None:
 
 
 def _unplaced(name: str, plan: IngestPlan) -> Camera:
-    """A camera without any calibration; its focal length is a placeholder."""
+    """Return a camera without any calibration; its focal length is a placeholder."""
     width = float(plan.image_size[0]) if plan.image_size else 1000.0
     return Camera(
         name=safe_name(name),

@@ -44,13 +44,16 @@ class IngestFailures:
 
 
 def start_of(plan: IngestPlan, name: str) -> int:
-    """Origin of a sensor's times [ns since the epoch]; 0 if not given."""
+    """Origin of the times of the sensor `name` [ns since the epoch]; 0 if not given."""
     text = for_sensor(plan.start_time, name)
     return 0 if text is None else parse_start_time(text)
 
 
 def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
-    """Times of each camera that has a time stamp file."""
+    """Times of each camera that has a time stamp file, with the file's name.
+
+    UsageError for a camera that is not in `cameras`, or has times in two files.
+    """
     out: Sidecars = {}
     for name, path in plan.timestamps:
         names = [name] if name is not None else cameras
@@ -70,7 +73,10 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
 
 
 def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | None:
-    """Times of a camera's frames from its time stamp file or a given frame rate; None without either."""
+    """Times of the frames of camera `name` from its time stamp file or a given frame rate; None without either.
+
+    UsageError for a camera with both.
+    """
     rate = for_sensor(plan.fps, name)
     if name in sidecars:
         if any(key == name for key, _ in plan.fps):
@@ -163,7 +169,7 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 def duplicates(path: Path, count: int, what: str) -> Check:
-    """Finding that exact duplicate rows, called `what`, were skipped."""
+    """Finding that `count` exact duplicate rows of a file, called `what`, were skipped."""
     return finding(DUPLICATES, "rows-duplicated", file=path.name, what=counted(count, what))
 
 
@@ -179,7 +185,10 @@ class Copies:
         self._before: dict[str, list[Uints]] = {}
 
     def once(self, tables: Iterable[T], path: Path, found: list[Check], what: str) -> Iterator[T]:
-        """Generate the tables of a log without duplicate rows; a finding at the end calls a row `what`."""
+        """Generate the tables of a log without rows that are exact copies of earlier ones, of this log or of another.
+
+        If there were any, a finding that calls a row `what` is added to `found` at the end.
+        """
         here: dict[str, list[Uints]] = {}
         copies = 0
         for table in tables:
@@ -203,7 +212,7 @@ class Copies:
 
 
 def _first(marks: Uints, before: list[Uints]) -> Bools:
-    """(n,) mask of marks (row hashes) that occur for the first time."""
+    """(n,) mask of marks (row hashes) that occur for the first time, neither earlier in `marks` nor in `before`."""
     out = np.zeros(len(marks), dtype=np.bool_)
     out[np.unique(marks, return_index=True)[1]] = True
     for known in before:

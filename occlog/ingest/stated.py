@@ -25,7 +25,16 @@ STRIDE_TOLERANCE = 0.05
 
 
 def source_checks(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> tuple[Check, ...]:
-    """Checks of the videos and images of cameras, and of boxes of the same frames."""
+    """Checks of the videos and images of cameras, and of boxes against the frames of the same cameras.
+
+    Args:
+        plan: inputs and options.
+        sources: cameras with a video or images.
+        survey: of the box files; None: there are none.
+
+    Returns:
+        The checks, with findings: properties of pictures, starts of videos, units of time stamp files, ends of boxes.
+    """
     no_video = "" if plan.video else "there is no video"
     no_sidecar = "" if plan.video and plan.timestamps else "no video has time stamps in a file"
     numbers = [] if survey is None else [*_restarts(survey)]
@@ -47,7 +56,10 @@ def _facts(sources: Sequence[CameraSource]) -> Iterator[Check]:
 
 
 def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check]:
-    """Report videos with a first time stamp other than 0, unless all have the same or a start is given."""
+    """Report videos with a first time stamp other than 0.
+
+    Nothing is reported if all videos have the same one, nor for a camera with time stamps or a start time in `plan`.
+    """
     given = {name for name, _ in (*plan.start_time, *plan.timestamps)}
     starts = {
         s.name: s.decoder.start_s
@@ -78,7 +90,13 @@ def _restarts(survey: BoxSurvey) -> Iterator[Check]:
 
 
 def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:
-    """Report cameras with boxes that end long before the pictures, as if frames had been skipped and renumbered."""
+    """Report cameras with boxes that end long before their pictures, as if frames had been skipped or renumbered.
+
+    Args:
+        plan: nothing is reported if it selects frames.
+        sources: cameras that have pictures and boxes.
+        survey: of the boxes; None: there are none.
+    """
     for source in sources if survey is not None and not plan.frames else ():
         frames, stop = source.decoder.frames or 0, survey.ranges[source.name].stop if survey is not None else 0
         if frames - stop > MAX_BOXLESS_SHARE * frames:

@@ -42,7 +42,7 @@ class TimeSpanNs:
     last: int = -(2**63)
 
     def take(self, first: int, last: int) -> None:
-        """Extend the range to include two times [ns]."""
+        """Extend the span to include the times `first` and `last` [ns]."""
         self.first, self.last = min(self.first, first), max(self.last, last)
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ class RowTimes(TimeSpanNs):
     count: int = 0
 
     def add_rows(self, t_ns: Ints) -> None:
-        """Add increasing times; the first may equal the last one added before."""
+        """Count rising times `t_ns` (n,) [ns]; the first may equal the last one of the call before, and counts once."""
         self.count += len(t_ns) - int(t_ns[0] == self.last)
         self.take(int(t_ns[0]), int(t_ns[-1]))
 
@@ -111,7 +111,12 @@ class NumberedFrames(TimeSpanNs):
     _last: int = -1
 
     def add(self, t_ns: Ints, frame: Ints) -> None:
-        """Take in the next frames (n,) of different times, n > 0."""
+        """Update the longest intervals per frame number by the next frames; numbers that do not rise are skipped.
+
+        Args:
+            t_ns: (n,) rising times of the frames [ns], n > 0.
+            frame: (n,) their numbers.
+        """
         if self._last >= 0:
             t_ns, frame = np.append(self.last, t_ns), np.append(self._last, frame)
         numbers = np.diff(frame)
@@ -129,17 +134,23 @@ class NumberedFrames(TimeSpanNs):
 
     @property
     def gap(self) -> tuple[float, float]:
-        """Begin and end of the longest interval [ns]."""
+        """First and last time of the longest interval per number [ns]."""
         return self.before, self.before + self.longest * self.numbers
 
     def goes_on(self, gap: tuple[float, float]) -> bool:
-        """Whether these frames reach beyond both ends of an interval [ns], and are there during most of it."""
+        """Whether these frames reach beyond both ends of an interval [ns], and are there during most of it.
+
+        `gap` is its begin and end.
+        """
         common = min(gap[1], self.gap[1]) - max(gap[0], self.gap[0])
         return self.first < gap[1] and self.last > gap[0] and common < 0.5 * (gap[1] - gap[0])
 
     @property
     def jump_ns(self) -> float:
-        """By how much one interval is longer than its numbers explain, and no other one [ns]; 0: none is."""
+        """Time by which the longest interval exceeds what its frame numbers explain [ns].
+
+        0: it exceeds that by too little, the second longest interval is long as well, or there are too few frames.
+        """
         others = self.intervals - self.numbers
         if others < FEWEST:
             return 0.0
@@ -192,7 +203,7 @@ class Times:
                 self.boxes.add_boxes(table)
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks with their findings."""
+        """Checks of the times of all sensors and of the truth, with their findings."""
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
         rated = any(each.count >= FEWEST for each in (*self.frames.values(), *(self.rows[n] for n in self.rates)))
         rated = rated or self.true_rate_hz > MAX_TRUE_RATE_HZ
@@ -257,7 +268,10 @@ class Times:
 
 
 def _rate_hz(t_ns: Ints, target_id: Ints32) -> float:
-    """Median rate [Hz] of the target with the most rows; 0 with fewer than `FEWEST`."""
+    """Median rate [Hz] of the target with the most rows; 0 if it has fewer than `FEWEST`.
+
+    `t_ns` (N,) are the times [ns] of rows of the targets `target_id` (N,); below 0: none.
+    """
     targets, counts = np.unique(target_id[target_id >= 0], return_counts=True)
     if not len(targets) or counts.max() < FEWEST:
         return 0.0
@@ -271,24 +285,41 @@ class TimedWriter(RecordingWriter):
     times: Times
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
-        """Add a compressed image."""
+        """Add a compressed image to the recording, and its time and content to the statistics.
+
+        Args:
+            sensor: camera.
+            t_ns: time [ns].
+            index: frame number.
+            data: compressed image.
+            kind: its format, such as `png`.
+        """
         self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         self.times.pictures.add(sensor, t_ns, hash(data))
         super().image(sensor, t_ns, index, data, kind)
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
-        """Add the time of one frame of a linked video."""
+        """Add the time of one frame of a linked video to the recording and to the statistics.
+
+        Args:
+            sensor: camera.
+            t_ns: time [ns].
+            index: frame number.
+        """
         self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
         super().video_frame(sensor, t_ns, index)
 
     def table(self, table: ColumnTable) -> None:
-        """Add rows."""
+        """Add the rows of a table, and their times to the statistics."""
         self.times.table(table)
         super().table(table)
 
 
 def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:
-    """Report sensors with times far from those of all others, or apart from them by a known clock difference."""
+    """Report sensors with times far from those of all others, or apart from them by a known clock difference.
+
+    Far is more than `least` [ns], and than the duration of the others.
+    """
     for name, own in sorted(times.items()):
         others = [each for other, each in times.items() if other != name]
         far = min((max(each.first - own.last, own.first - each.last) for each in others), default=0)

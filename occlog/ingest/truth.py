@@ -32,6 +32,12 @@ def check_truth_consistency(
 ) -> Iterator[Truth | TruthBoxes]:
     """Generate the tables unchanged; at their end note the distance of projected feet from boxes, in box heights.
 
+    Args:
+        tables: true positions first, then true boxes.
+        scene: has the cameras.
+        path: file of the truth, for messages.
+        note: called with remarks for the user.
+
     Raises:
         InputError: they are too far in a camera: the grid of positions, the unit or the camera is another.
     """
@@ -66,7 +72,8 @@ def check_truth_consistency(
 def _off(truth: Truth, boxes: TruthBoxes, project: Callable[[Floats], Floats]) -> Floats:
     """(n,) distances of projected feet from the middle of the lower box edge, in box heights.
 
-    Infinite behind the camera.
+    Of the n boxes of targets that have a true position at the same time; infinite behind the camera. `project` converts
+    world positions (n, 3) to pixels (n, 2).
     """
     where = {key: row for row, key in enumerate(zip(truth.t_ns.tolist(), truth.target_id.tolist(), strict=True))}
     keys = zip(boxes.t_ns.tolist(), boxes.target_id.tolist(), strict=True)
@@ -86,7 +93,7 @@ MIN_REPORTED_S = 1.0
 
 
 def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable[[str], None]) -> None:
-    """Note if boxes count frames from 1 and true positions from 0, or vice versa."""
+    """Note that boxes count frames from 1 and true positions from 0, or vice versa, if they do."""
     if survey is None or plan.first_number is not None or plan.truth_first_number is not None:
         return
     for _, path in plan.truth:
@@ -102,7 +109,7 @@ def note_first_frames(plan: IngestPlan, survey: BoxSurvey | None, note: Callable
 def span_of(frames: Mapping[str, range], times: Mapping[str, FrameTimes]) -> tuple[int, int] | None:
     """First and last frame time [ns] over all cameras, extended by half a frame at both ends.
 
-    None if no camera has frames.
+    None if no camera has frames. `frames` and `times` are those of each camera.
     """
     ends: list[tuple[int, int]] = []
     for name, own in frames.items():
@@ -127,6 +134,13 @@ def within_frames(
     """Generate the tables with true positions restricted to the selected frames; a note states how many were skipped.
 
     Without a selection all are kept, and a note states by how much they exceed the frames of a detector.
+
+    Args:
+        tables: of the truth.
+        plan: has the selection.
+        survey: of the box files; None: there are none.
+        times: frame times by camera.
+        note: called with remarks for the user.
     """
     chosen = {name: range(*own) for name in times if (own := plan.frames.of(name)) is not None}
     frames = chosen if chosen and len(chosen) == len(times) else None
@@ -159,5 +173,5 @@ def within_frames(
 
 
 def note_skipped(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
-    """Note the number of true positions outside the selected frames."""
+    """Note that `out` of `rows` true positions are outside the selected frames."""
     note(f"truth: {out} of {rows} true positions are of other frames than {plan.frames}, and skipped")

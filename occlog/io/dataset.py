@@ -32,25 +32,31 @@ RECORDING = pa.field("recording", NAMES, nullable=False, metadata={"unit": "1", 
 
 
 def field(name: str, kind: pa.DataType, doc: str, *, unit: str = "1", nullable: bool = False) -> pa.Field:
-    """Arrow field of a column, with unit and description."""
+    """Arrow field of a column `name` of type `kind`, with unit and description (`doc`) as metadata."""
     return pa.field(name, kind, nullable=nullable, metadata={"unit": unit, "doc": doc})
 
 
 def gathered_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance, length_unit: str = "") -> pa.Schema:
-    """Schema of a table over many recordings; `length_unit` where it has lengths."""
+    """Schema of the table `name` over many recordings: the recording, then `fields`.
+
+    `length_unit` is that of the table's lengths; empty: it has none.
+    """
     entries = {SCHEMA_KEY: f"{GATHERED}{name}/{VERSION}", **statements(provenance, length_unit)}
     return pa.schema([RECORDING, *fields], metadata=entries)
 
 
 @contextmanager
 def gathered_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
-    """Writer of a file that appears whole when the block ends without an error, and replaces an older one."""
+    """Context manager: writer of a file that appears whole when the block ends without an error.
+
+    It replaces an older file at `path`.
+    """
     with open_output(path, overwrite=True) as file, pq.ParquetWriter(file, schema, **WRITTEN) as writer:
         yield writer
 
 
 def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]]) -> int:
-    """Write rows in groups; return the number of rows."""
+    """Write rows, values by column name, in groups to a Parquet file; return the number of rows."""
     count, kept = 0, list[dict[str, object]]()
     with gathered_writer(path, schema) as writer:
         for row in rows:
@@ -173,10 +179,10 @@ METRICS = (
 
 
 def write_runs(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
-    """Write the table `runs`, a row per recording; return the number of rows."""
+    """Write the table `runs`, a row per recording, as Parquet; return the number of rows."""
     return write_rows(path, gathered_schema("runs", RUNS, provenance), rows)
 
 
 def write_metrics(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
-    """Write the table `metrics`, a row per figure; return the number of rows."""
+    """Write the table `metrics`, a row per figure, as Parquet; return the number of rows."""
     return write_rows(path, gathered_schema("metrics", METRICS, provenance), rows)

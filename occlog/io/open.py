@@ -112,9 +112,10 @@ class Opened:
         return cast("type[T]", table_with(table.NAME, [c["name"] for c in describe(self.path)["columns"]]))
 
     def rows(self, table: type[T], *, remedy: str = REMEDY, at_once: int | None = None) -> Iterator[T]:
-        """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none.
+        """Stream the rows of a table in chunks, in the order of time.
 
-        Chunks of a Parquet table have at most `at_once` rows; None: as in its row groups.
+        InputError, with the remedy, where the input holds none. Chunks of a Parquet table have at most `at_once` rows;
+        None: as in its row groups.
         """
         self.require(table, remedy=remedy)
         if self.foreign is not None:
@@ -194,9 +195,9 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
 
 
 def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
-    """Open a recording or an occlog table; None for any other file, such as a scene.
+    """Open a recording or an occlog table, or another table that can be read; None for any other file, such as a scene.
 
-    InputError, which states the expected content, for a missing or unreadable file.
+    InputError, which states the expected content (`what`), for a missing or unreadable file.
     """
     if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
         return None
@@ -271,7 +272,10 @@ def _source(path: Path) -> ColumnSource | None:
 
 
 def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = ()) -> Opened:
-    """Open an external table as the requested table that fits best; InputError if none fits."""
+    """Open an external table as that of the requested tables (`wants`; empty: any) that fits best.
+
+    InputError if none fits.
+    """
     from occlog.io.external.names import kind_of, unit_in_name
     from occlog.io.external.table import ForeignTable, best_fit
 

@@ -218,7 +218,14 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
 
 
 def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -> Iterator[FileContent]:
-    """Possible kinds of a text table with a header line."""
+    """Generate the possible kinds of a text table with a header line.
+
+    Args:
+        path: of the file.
+        probe: its first lines.
+        cells: names in the header, in small letters.
+        directions: formats of directions of arrival.
+    """
     from occlog.io.formats.boxes.columns import ACROSS, BOX, COLUMNS, IMAGE
     from occlog.io.formats.scenes.stations import holds_stations
     from occlog.io.formats.sound.formats import MICROPHONES, looks_like_locata
@@ -250,7 +257,7 @@ def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -
 
 
 def _times() -> set[str]:
-    """Names of time columns."""
+    """Accepted names of time columns."""
     from occlog.io.files.timing.times import TIME_COLUMNS
 
     return {name for names in TIME_COLUMNS.values() for name in names}
@@ -262,7 +269,14 @@ def _without_header(
     truths: Formats,
     directions: Formats,
 ) -> Iterator[FileContent]:
-    """Possible kinds of a text without a header line."""
+    """Generate the possible kinds of a text without a header line.
+
+    Args:
+        probe: its first lines.
+        cells: of the first line.
+        truths: formats of ground truth.
+        directions: formats of directions of arrival.
+    """
     name = next((each for each in ("vatic", "kitti", "mot") if _is(truths, each, probe)), None)
     if name == "mot" and not _is_mot(cells):
         name = None
@@ -291,7 +305,7 @@ def _of_trajectories(probe: Probe) -> Iterator[FileContent]:
 
 
 def _is_mot(cells: list[str]) -> bool:
-    """Whether a line consists of numbers, the first one whole (MOTChallenge)."""
+    """Whether the cells of a line are numbers, the first one whole (MOTChallenge)."""
     return _numbers(cells) and float(cells[0]) == int(float(cells[0])) >= 0
 
 
@@ -321,7 +335,7 @@ def _cells(probe: Probe) -> list[str]:
 
 
 def _first(formats: Formats, probe: Probe) -> str | None:
-    """First format that a file matches; None if it is not text."""
+    """Name of the first of the formats that a file matches; None if it matches none or is not text."""
     from occlog.io.files.texts.formats import recognise
 
     try:

@@ -49,7 +49,7 @@ def is_url(text: str) -> bool:
 
 
 def kind_of(url: str) -> str:
-    """The kind of a URL, e.g. `s3`; UsageError for those that occlog does not take."""
+    """Scheme of a URL, e.g. `s3`; UsageError for those that occlog does not take."""
     found = _URL.match(url)
     kind = found.group(1).lower() if found else ""
     if kind not in PACKAGES or "::" in url:
@@ -61,13 +61,13 @@ def kind_of(url: str) -> str:
 
 
 def without_end(location: str) -> str:
-    """A folder or its URL without trailing slashes, since in stores `a//b` differs from `a/b`."""
+    """Return a folder or its URL without trailing slashes, since in stores `a//b` differs from `a/b`."""
     kind, mark, path = location.partition("://")
     return f"{kind}{mark}{path.rstrip('/')}" if is_url(location) else location
 
 
 def public_url(url: str) -> str:
-    """The URL without user, password, query and fragment."""
+    """Return a URL without user, password, query and fragment."""
     kind, mark, rest = url.partition("://")
     path = re.split(r"[?#]" if kind.lower() in READ_ONLY else r"[?]", rest, maxsplit=1)[0]
     host, slash, below = path.partition("/")
@@ -75,7 +75,7 @@ def public_url(url: str) -> str:
 
 
 def identity(url: str) -> str:
-    """The URL without credentials: user, password, and signatures in its query."""
+    """Return a URL without credentials: user, password, and signatures in its query."""
     query = url.partition("?")[2].partition("#")[0]
     asked = "&".join(part for part in query.split("&") if not _SIGNATURE.match(part))
     return f"{public_url(url)}?{asked}" if asked else public_url(url)
@@ -115,7 +115,10 @@ class Version(NamedTuple):
 
 @contextmanager
 def _as_output_error(url: str, failure: type[OcclogError] = InputError) -> Iterator[None]:
-    """Context manager that converts exceptions of file systems to one-line errors."""
+    """Context manager that converts exceptions of file systems to one-line errors of the type `failure`.
+
+    Without the package for such URLs, UsageError; errors of a full disk pass.
+    """
     try:
         yield
     except OcclogError:
@@ -177,7 +180,7 @@ def find(pattern: str) -> list[str]:
 
 
 def version(url: str) -> Version:
-    """State of a file; InputError if missing or unreadable."""
+    """State of the file at a URL, by which changes are noticed; InputError if missing or unreadable."""
     with _as_output_error(url):
         system, path = _opened(url)
         details = system.info(path)
@@ -211,14 +214,14 @@ def check_output(url: str) -> None:
 
 
 def put(file: Path, url: str) -> None:
-    """Upload a file, replacing an existing one."""
+    """Upload a file to a URL, replacing an existing one."""
     with _as_output_error(url, OutputError):
         system, path = _opened(url)
         system.pipe_file(path, file.read_bytes())
 
 
 def names_in(url: str) -> list[str]:
-    """Names of files and folders in a folder, sorted; empty if it does not exist."""
+    """Names of files and folders in the folder at a URL, sorted; empty if it does not exist."""
     with _as_output_error(url):
         system, path = _opened(url)
         system.invalidate_cache()
@@ -231,7 +234,7 @@ def names_in(url: str) -> list[str]:
 
 
 def remove(urls: Iterable[str]) -> None:
-    """Delete files that exist."""
+    """Delete the files at URLs, as far as they exist."""
     for url in urls:
         with _as_output_error(url, OutputError):
             system, path = _opened(url)
@@ -256,7 +259,9 @@ class Cache:
 
     @contextmanager
     def holding(self, url: str) -> Iterator[Path]:
-        """Fetch a recording and the linked videos next to it; they are kept while the block lasts.
+        """Context manager: fetch the recording at a URL and the linked videos next to it.
+
+        Yields the local file; they are kept while the block lasts.
 
         Raises:
             InputError: it is not there, may not be read, came incomplete, or is larger than the limit.
@@ -289,7 +294,10 @@ class Cache:
                 shutil.rmtree(entry, ignore_errors=True)
 
     def _fetch_videos(self, url: str, recording: Path, video: Path) -> None:
-        """Fetch a linked video in the recording's folder, and check its hash; links elsewhere are left to readers."""
+        """Fetch a linked video in the recording's folder, and check its hash; links elsewhere are left to readers.
+
+        `url` is that of the recording, `video` the local file to which it is fetched.
+        """
         name = video.name
         if video.parent != recording.parent or video.exists() or name in (".", ".."):
             return
@@ -303,7 +311,10 @@ class Cache:
             )
 
     def _fetch(self, url: str, file: Path, wanted: int | None) -> None:
-        """Fetch a file of this size [bytes]; None: unknown."""
+        """Fetch the file at `url` to `file`; InputError if its size is not the `wanted` one [bytes] (None: unknown).
+
+        Older files are removed from the cache to make room.
+        """
         self._trim(wanted or 0)
         size = fetch(url, file)
         if wanted is not None and size != wanted:

@@ -22,7 +22,7 @@ MAX_NS = 2**62 - 1
 
 
 def bounded_ns(t_ns: int) -> int:
-    """Check a time [ns] from a file; ValueError beyond +-`MAX_NS` from the epoch."""
+    """Return a time [ns] from a file; ValueError beyond +-`MAX_NS` from the epoch."""
     if not -MAX_NS <= t_ns <= MAX_NS:
         far = f"{t_ns} ns" if abs(t_ns) < 10**24 else f"ns in {len(str(abs(t_ns)))} digits"
         raise ValueError(f"its time of {far} is out of range: 2116 is the last year")
@@ -51,7 +51,10 @@ def largest(unit: str) -> float:
 
 
 def in_length_unit(unit: str, length_unit: str) -> str:
-    """Unit of a column in another length unit: `cm^2/s` for `m^2/s` and `cm`."""
+    """Unit of a column with another length unit than m: `cm^2/s` for `m^2/s` and `cm`.
+
+    Unchanged if it has no length.
+    """
     return unit.replace("m", length_unit) if unit in LENGTHS else unit
 
 
@@ -80,7 +83,16 @@ class Column:
 
 
 def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Declare a table column; an `optional` one without values is NaN, "" or, for integers, -1."""
+    """Declare a table column; an `optional` one without values is NaN, "" or, for integers, -1.
+
+    Args:
+        kind: NumPy type, as `f8`, `i4`, `U` (text).
+        unit: for example `px`, `rad`, `length`; `1`: none.
+        doc: what it has, without a capital.
+        nan: when the value is NaN; None: never.
+        width: numbers in each row; 0: one, `ANY_WIDTH`: as many as the file has.
+        optional: files may lack it.
+    """
     metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
     return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
@@ -129,7 +141,7 @@ class ColumnTable:
 
     @classmethod
     def concat(cls, parts: Iterable[Self]) -> Self:
-        """Concatenate parts in order."""
+        """Concatenate the rows of several tables in order."""
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
@@ -157,7 +169,7 @@ class ColumnTable:
 
 
 def _absent(c: Column, rows: int) -> NDArray[np.generic]:
-    """Default values of an optional column without values."""
+    """Default values (`rows`,) of an optional column without values."""
     if c.kind == "U":
         return np.full(rows, "")
     if c.width == ANY_WIDTH:
@@ -202,7 +214,10 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
 
 
 def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
-    """Mask of 2 x 2 covariances that are positive semidefinite up to rounding; False for NaN."""
+    """(n,) mask of 2 x 2 covariances, of columns (n,), that are positive semidefinite up to rounding.
+
+    False for NaN; xx, xy and yy are the elements.
+    """
     with np.errstate(invalid="ignore"):
         most = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
         return np.asarray((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= most * (1.0 + ROUNDING) + TINY))
@@ -253,7 +268,7 @@ def _check_times(name: str, c: Column, values: NDArray[np.generic]) -> None:
 
 
 def check_order(table: ColumnTable) -> None:
-    """InputError if t_ns decreases."""
+    """InputError, with the row, if t_ns decreases in a table."""
     t_ns: Ints = getattr(table, "t_ns")  # noqa: B009
     back = np.flatnonzero(t_ns[1:] < t_ns[:-1])  # a difference could overflow
     if len(back):
@@ -334,7 +349,7 @@ def key_of(table: ColumnTable, row: int) -> str:
 
 
 def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic]:
-    """Values of some rows of a column, comparable so that NaN equals NaN."""
+    """Values of column `c` in some rows, as a type in which NaN equals NaN."""
     values: NDArray[np.generic] = getattr(table, c.name)[rows]
     if not values.size:  # vectors of no numbers
         return np.zeros(len(rows))
@@ -342,7 +357,7 @@ def _comparable(table: ColumnTable, c: Column, rows: Ints) -> NDArray[np.generic
 
 
 def rows_by_label(labels: NDArray[np.signedinteger]) -> list[tuple[int, Ints]]:
-    """Sorted distinct integers, each with its sorted rows."""
+    """Sorted distinct integers of `labels` (n,), each with the sorted indices of its rows."""
     order = np.argsort(labels, kind="stable")
     names, first = np.unique(labels[order], return_index=True)
     pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing

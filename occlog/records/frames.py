@@ -38,12 +38,15 @@ LEFT_OUT = "frames_left_out"
 
 
 def skipped_frames_of(parameters: Mapping[str, object]) -> dict[str, object]:
-    """Entry about skipped frames in the provenance of a source table."""
+    """Entry about skipped frames in the provenance `parameters` of a source table; empty without one."""
     return {LEFT_OUT: parameters[LEFT_OUT]} if LEFT_OUT in parameters else {}
 
 
 def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]]:
-    """Skipped frame ranges by camera, from provenance; empty for invalid ones."""
+    """Skipped frame ranges (first, last) by camera, sorted; empty for invalid ones.
+
+    `parameters` are those of a provenance.
+    """
     value = parameters.get(LEFT_OUT)
     if not isinstance(value, Mapping):
         return {}
@@ -55,6 +58,6 @@ def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]
 
 
 def inside(stretches: list[tuple[int, int]], number: int) -> bool:
-    """Whether a number is in one of the sorted ranges."""
+    """Whether a number is in one of the sorted ranges (first, last)."""
     k = bisect_right(stretches, (number, 2**63)) - 1
     return k >= 0 and number <= stretches[k][1]

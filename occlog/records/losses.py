@@ -38,5 +38,5 @@ class Loss:
         return f"{self.source}: {self.place}: {self.what}{lost}"
 
     def as_dict(self) -> dict[str, str | int]:
-        """The loss as JSON-compatible values."""
+        """Return the loss as JSON-compatible values; without those that are not known."""
         return {name: value for name, value in asdict(self).items() if value or name != "total"}

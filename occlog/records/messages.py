@@ -45,7 +45,7 @@ class Message(NamedTuple):
     limit: str = ""
 
     def fill(self, sensors: Sequence[str] = (), targets: Sequence[int] = (), **values: object) -> str:
-        """Text and remedy with the values filled in."""
+        """Text and remedy with names of sensors, targets and other values filled in."""
         template = f"{self.text}; {self.remedy}" if self.remedy else self.text
         return template.format(option=_OPTIONS, sensors=listed(sensors), targets=listed(targets), **values)
 
@@ -248,8 +248,8 @@ VERDICT: dict[str, Message] = {
     ),
     "measurement-noise-small": Message(
         N,
-        "{count} bearings of {sensors} state standard deviations as small as {least_rad:.2g} rad (allowed: "
-        "{allowed:g})",
+        "{count} bearings of {sensors} state standard deviations as small as {least_rad:.2g} rad (below "
+        "{allowed:g} rad)",
         "state the noise that they have",
     ),
     # Estimates against the truth
@@ -567,7 +567,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-not-above-ground": Message(
         W,
-        "camera {sensors} is not above the ground (lowest at z = {lowest:.2f} {unit})",
+        "camera {sensors} is not above the ground (z = {lowest:.2f} {unit}, of the lowest camera)",
         "state the height of the ground along up, negative below the origin ({option[ground_height]})",
     ),
     "calibration-keys-unused": Message(
@@ -601,9 +601,8 @@ VERDICT: dict[str, Message] = {
     ),
     "images-before-rotation": Message(
         W,
-        "camera {sensors}: rotation_count {turns}: the calibration is of images before they are turned by "
-        "multiples of 90 deg",
-        "give those, or boxes of them",
+        "camera {sensors}: rotation_count {turns} is not applied: the calibration is of images before they are turned",
+        "give images before the turn, or boxes of them",
     ),
     "time-shifts-unused": Message(W, "timeshift_cam_imu differs between the cameras and is not used", "give {options}"),
     "boxes-end-inside": Message(
@@ -846,13 +845,16 @@ DOCTOR: dict[str, Message] = {
     ),
     "epoch": Message(W, "times outside 1970 to 2100", "give the origin of the times"),
     "gap": Message(
-        W, "no data", "expect no estimates of this time by this sensor", f"{GAP_INTERVALS:g} usual intervals"
+        W,
+        "no data",
+        "expect no estimates of this time by this sensor",
+        f"{GAP_INTERVALS:g} times the usual frame interval",
     ),
     "jump": Message(
         W,
         "a clock jump: the frame numbers continue",
         "take the times of another clock",
-        "{GAP_INTERVALS:g} usual intervals",
+        f"{GAP_INTERVALS:g} times the usual frame interval",
     ),
     "clock-disjoint": Message(W, "times far from those of the other sensors", "give an offset (ingest --clock-offset)"),
     "truth-disjoint": Message(
@@ -864,7 +866,7 @@ DOCTOR: dict[str, Message] = {
         W,
         "starts and ends later than the others by the same time (earlier, if negative)",
         "if its clock is off, give an offset (ingest --clock-offset)",
-        "{GAP_INTERVALS:g} usual intervals",
+        f"{GAP_INTERVALS:g} times the usual frame interval",
     ),
     "frozen-camera": Message(
         W,

@@ -190,7 +190,7 @@ class Camera:
         return cam.rays_to_azimuth(self.rays(pixels))
 
     def u_px(self, bearings: Floats) -> Floats:
-        """(N,) horizontal offsets in the levelled image, to the right, of azimuths."""
+        """(N,) horizontal offsets [px] in the levelled image, to the right, of azimuths `bearings` (N,) [rad]."""
         return cam.azimuth_to_u(bearings, self.yaw, float(self.focal_px[0]))
 
 
@@ -276,7 +276,7 @@ class Scene:
 
     @property
     def sensors(self) -> tuple[Camera | MicrophoneArray | TagReader, ...]:
-        """Cameras, then arrays, then readers."""
+        """All sensors: cameras, then arrays, then readers."""
         return (*self.cameras, *self.arrays, *self.readers)
 
     def camera(self, name: str) -> Camera:
@@ -335,14 +335,17 @@ class Scene:
 
 
 def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
-    """(3, 3) world-from-camera rotation; see `occlog.core.geometry.camera`."""
+    """(3, 3) world-from-camera rotation of yaw, pitch and roll [rad]; see `occlog.core.geometry.camera`."""
     return cam.rotation_from_angles(yaw, pitch, roll)
 
 
 def _border_rays(
     size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
 ) -> Floats:
-    """(132, 3) rays of the image border, or of the edge of the usable disc where it is inside."""
+    """(132, 3) rays in the world of the image border, or of the edge of the usable disc where it is inside.
+
+    Arguments as in `camera_fov`.
+    """
     w, h = size
     across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
     sides = [np.column_stack([np.full(33, x), down]) for x in (-0.5, w - 0.5)]
@@ -360,6 +363,14 @@ def camera_fov(
 
     A pitched camera sees a wider range of azimuths at the near edge of the floor;
     lines of sight steeper than 75 degrees are omitted, where azimuth loses its meaning.
+
+    Args:
+        size: width and height of the image [px].
+        focal_px: (2,) focal lengths.
+        principal_px: (2,) principal point.
+        distortion: coefficients of the model.
+        model: name of the distortion model.
+        rotation: (3, 3) world-from-camera rotation.
     """
     rays = _border_rays(size, focal_px, principal_px, distortion, model, rotation)
     flat = np.hypot(rays[:, 0], rays[:, 1])

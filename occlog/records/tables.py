@@ -167,7 +167,7 @@ FIRST, LAST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)
 
 
 def times(table: ColumnTable) -> Ints:
-    """The column t_ns."""
+    """(n,) times [ns] of the rows of a table, its column t_ns."""
     out: Ints = getattr(table, "t_ns")  # noqa: B009
     return out
 
@@ -223,7 +223,13 @@ class TableBuffer(Generic[T]):
     """
 
     def __init__(self, chunks: Iterable[T], kind: type[T], name: str = "") -> None:
-        """Start before the first chunk; `name`: of the table in messages."""
+        """Start before the first chunk.
+
+        Args:
+            chunks: of one table, in the order of time.
+            kind: type of the table.
+            name: of the table in messages.
+        """
         self._chunks = iter(chunks)
         self._kind = kind
         self._name = name or kind.NAME

@@ -141,7 +141,7 @@ def counts_of(checks: Iterable[Check]) -> str:
 
 
 def findings(checks: Iterable[Check]) -> tuple[Check, ...]:
-    """Checks with findings."""
+    """Those of the checks that have findings, in order."""
     return tuple(check for check in checks if check.found)
 
 
@@ -176,7 +176,10 @@ def _subject(check: Check) -> tuple[str, Status, tuple[str, ...], tuple[int, ...
 
 
 def texts_of(verdicts: Sequence[Verdict], own: str) -> tuple[str, ...]:
-    """Lines for the findings: warnings and notes of the stage `own`, and warnings of other stages with their names."""
+    """Lines for the findings: warnings and notes of the stage `own`, and warnings of other stages with their names.
+
+    A finding repeated by a later stage is listed once.
+    """
     return tuple(
         f"{check.severity}: {check.text}" if stage == own else f"warning: {stage}: {check.text}"
         for stage, check in found_by_stage(verdicts)

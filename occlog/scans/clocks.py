@@ -25,9 +25,9 @@ class ClockChange(NamedTuple):
     after: Clock
 
     def time(self, t_ns: int, first_ns: int) -> int:
-        """Corrected world time [ns] of a time that was corrected by the first clock.
+        """World time [ns] by the second clock of a time `t_ns` that was corrected by the first clock.
 
-        `first_ns`: first time of the sensor.
+        `first_ns`: first time of the sensor, corrected by the first clock.
         """
         elapsed = (t_ns - first_ns) / (1.0 - self.before.drift_ppm * 1e-6)
         start = first_ns + self.before.offset_ns - self.after.offset_ns
@@ -35,7 +35,7 @@ class ClockChange(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the clocks differ."""
+        """Whether the two clocks have another offset or drift."""
         return self.before.offset_ns != self.after.offset_ns or self.before.drift_ppm != self.after.drift_ppm
 
 
@@ -82,7 +82,13 @@ def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
 
 
 def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockChange]:
-    """Clock changes by camera index."""
+    """Clock changes by camera index, of the cameras with a clock in the scene that differs from the one applied.
+
+    Args:
+        cameras: in the order of the indices.
+        scene: states the clocks that count.
+        applied: clocks by camera name that the times were corrected by already; none: right.
+    """
     stated = clocks_of(scene)
     every = {c: ClockChange(applied.get(k.name, RIGHT), stated.get(k.name, RIGHT)) for c, k in enumerate(cameras)}
     return {c: change for c, change in every.items() if change.differs}

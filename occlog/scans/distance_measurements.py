@@ -55,12 +55,18 @@ class RangeDifferenceCheck:
     """Counts range differences longer than the distance of their stations, over a stream."""
 
     def __init__(self) -> None:
-        """Start without data."""
+        """Start without range differences."""
         self._all = self._beyond = 0
         self._first = ""
 
     def add(self, table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-        """Add measurements; see `check_plausible`."""
+        """Count range differences, and those that exceed the distance of their stations; see `check_plausible`.
+
+        Args:
+            table: measurements.
+            row: (m,) row in the table of each packed measurement.
+            packed: m of them.
+        """
         differs = packed.kind == DIFFERENCE
         rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
         separation = np.hypot(*(packed.position - packed.other).T) + rise
@@ -119,7 +125,13 @@ def check_plausible(
 
 
 def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-    """InputError for a duplicate range or difference, which would count twice."""
+    """InputError for a duplicate range or difference, which would count twice.
+
+    Args:
+        table: measurements.
+        row: (m,) row in the table of each packed measurement.
+        packed: m of them.
+    """
     exact = np.flatnonzero(packed.kind != LOGARITHM)  # two of whole dBm may well be equal
     own = row[exact]
     keys = (table.t_ns[own], packed.station[exact], table.target_id[own], packed.kind[exact], packed.value[exact])
@@ -143,7 +155,7 @@ MIN_INTERVAL_SHARE = 1e-3
 
 
 class SignalErrors(NamedTuple):
-    """Noise and shadowing of signal strengths."""
+    """White noise and correlated shadowing of signal strengths."""
 
     noise_db: float = NOISE_DB  # standard deviation of the white noise
     shadow_db: float = SHADOW_DB  # of the shadowing
@@ -183,7 +195,13 @@ def with_sigmas(table: Measurements, shadowing: SignalErrors, last: LastReads | 
 
 
 def _since(table: Measurements, own: Ints, last: LastReads) -> Floats:
-    """(n,) time since the last strength of the same station and target [s]; inf if there was none."""
+    """(n,) time since the last strength of the same station and target [s]; inf if there was none.
+
+    Args:
+        table: measurements.
+        own: (n,) its rows with a strength.
+        last: time of the last strength by station and target, of earlier chunks; updated.
+    """
     since = np.full(len(own), np.inf)
     names, station = np.unique(table.sensor[own], return_inverse=True)
     order = np.lexsort((table.t_ns[own], table.target_id[own], station))
@@ -202,7 +220,7 @@ WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference",
 
 
 class Radio(NamedTuple):
-    """A fitted path loss model."""
+    """A fitted path loss model of signal strengths."""
 
     power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
     exponent: float
@@ -225,7 +243,10 @@ def station_names(scene: Scene) -> tuple[str, ...]:
 
 
 def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None = None) -> StationModel:
-    """Sensors of a scene for distance measurements; a fitted path loss has priority over powers in the scene."""
+    """Sensors of a scene for distance measurements.
+
+    The powers of a fitted `radio` have priority over those in the scene, and these over `config.rssi_power`.
+    """
     unknown = np.full(3, math.nan)
     positions = [c.position if c.placed else unknown for c in scene.cameras] + [a.position for a in scene.arrays]
     positions += [r.position for r in scene.readers]
@@ -316,7 +337,13 @@ class DistanceMeasurementFeed:
     def _scans(
         self, sensors: Collection[str] | None, targets: Collection[int] | None, window_ns: int
     ) -> Iterator[Scan]:
-        """Generate scans of measurements only."""
+        """Generate scans of measurements only.
+
+        Args:
+            sensors: names of those to use; None: all.
+            targets: identities of those to use; None: all.
+            window_ns: rows up to this much after the first are one scan [ns].
+        """
         rest: Measurements | None = None
         last: LastReads | None = None if self._with_times else {}
         for chunk in self._chunks:
@@ -356,7 +383,7 @@ class DistanceMeasurementFeed:
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
 
     def passed(self, until_ns: int) -> list[tuple[int, ScanMeasurements]]:
-        """Times [ns] and measurements up to a time, since the last call."""
+        """Times [ns] and measurements up to `until_ns`, since the last call."""
         n = sum(t_ns <= until_ns for t_ns, _ in self._passed)
         out, self._passed = self._passed[:n], self._passed[n:]
         return out
@@ -365,7 +392,10 @@ class DistanceMeasurementFeed:
 def with_strengths(
     table: Measurements, config: DistanceMeasurementConfig, radio: Radio | None, last: LastReads | None
 ) -> Measurements:
-    """Table in which all signal strengths have standard deviations; `last` as in `with_sigmas`."""
+    """Return the table with standard deviations of all signal strengths.
+
+    They are from `config.sigma_rssi`, or else from the shadowing of `radio`; `last` as in `with_sigmas`.
+    """
     if config.sigma_rssi is not None:
         own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)
         return replace(table, sigma_rssi=own)
@@ -373,7 +403,10 @@ def with_strengths(
 
 
 def _starts(t_ns: Ints, window_ns: int) -> list[int]:
-    """First rows of the scans; the last scan may continue in the next chunk."""
+    """First rows of the scans in rising times `t_ns` (n,); the last scan may continue in the next chunk.
+
+    A row belongs to a scan up to `window_ns` after its first; 0: if it has the same time.
+    """
     if window_ns == 0:
         return [0, *(np.flatnonzero(np.diff(t_ns)) + 1).tolist()]
     starts = [0]
@@ -395,9 +428,9 @@ def pack(
     Args:
         table: in the order of time.
         at: the stations.
-        config: what the table does not say.
-        radio: a fitted path loss; None: as the scene and the settings say.
-        differences: see `check_plausible`.
+        config: standard deviations and other properties that the table does not state.
+        radio: a fitted path loss; None: that of the scene and the settings.
+        differences: counts implausible range differences, to be refused at the end; None: they are refused here.
 
     Returns:
         (m,) rows of the table, and the m measurements.
@@ -465,7 +498,16 @@ def _as_length(
     config: DistanceMeasurementConfig,
     radio: Radio | None,
 ) -> tuple[int, Floats, Floats]:
-    """Kind, values and standard deviations of one column for `RangeMeasurements`; NaN: not stated."""
+    """Kind, values (n,) and standard deviations (n,) of one column for `RangeMeasurements`; NaN: not stated.
+
+    Args:
+        name: of the column.
+        table: n rows.
+        at: all stations.
+        station: (n,) index of each row's station.
+        config: speed of propagation, default standard deviations and the path loss.
+        radio: fitted path loss; None: that of `config`.
+    """
     value: Floats = getattr(table, name)
     sigma: Floats = getattr(table, f"sigma_{name}")
     if name in PLAIN:
@@ -493,7 +535,10 @@ def _filled(sigma: Floats, usual: float | None) -> Floats:
 
 
 def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
-    """(n,) indices of stations; InputError for one that is missing, or has no position."""
+    """(n,) indices in `at` of the stations `names` (n,); InputError for one that is missing, or has no position.
+
+    `column` is the name of their column, for messages.
+    """
     found, inverse = np.unique(names, return_inverse=True)
     for name in found.tolist():
         if name not in at.names:
@@ -507,7 +552,14 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
 
 
 def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | None) -> Floats:
-    """(S,) squared heights of stations above the targets; InputError if needed and unknown."""
+    """(S,) squared heights of the S stations above the targets; InputError if needed and unknown.
+
+    Args:
+        at: the stations.
+        station: indices of those in use.
+        reference: indices of those in use as references.
+        height: of the targets; None: not stated, so that all must be in the plane z = 0 (0 for all).
+    """
     used: Bools = np.isin(np.arange(len(at.names)), np.concatenate([station, reference]))
     z = np.where(used, at.position[:, 2], 0.0)
     if height is None:

@@ -54,7 +54,13 @@ class Scan(NamedTuple):
 
     @classmethod
     def of(cls, t_ns: int, sensor: Sequence[int] | Ints, **columns: ArrayLike) -> Scan:
-        """Create a scan from array-likes; omitted columns are unlabelled, seen, and NaN."""
+        """Create a scan from array-likes; omitted columns are unlabelled, seen, and NaN.
+
+        Args:
+            t_ns: time [ns].
+            sensor: (n,) index of each row's sensor.
+            **columns: (n,) other columns by name.
+        """
         n = len(sensor)
         known = {"sensor": np.asarray(sensor, dtype=np.int64)}
         known |= {name: np.asarray(values, dtype=DTYPES.get(name, np.float64)) for name, values in columns.items()}
@@ -112,7 +118,7 @@ def concat(scans: Sequence[Scan]) -> Scan:
 
 
 def empty_scan(t_ns: int, sensors: Sequence[int]) -> Scan:
-    """A scan of sensors (sorted) without any detection: an unlabelled row for each."""
+    """Return a scan at `t_ns` [ns] of sensors (sorted indices) without any detection: an unlabelled row for each."""
     return Scan.of(t_ns, sensors, seen=np.zeros(len(sensors), dtype=np.bool_))
 
 
@@ -209,7 +215,10 @@ def _chosen(chunk: Bearings, use: BearingRows) -> Bearings:
 
 
 def _starts(table: Bearings, window_ns: int) -> list[int]:
-    """First rows of the scans; the last scan may continue in the next chunk."""
+    """First rows of the scans in a table sorted by time; the last scan may continue in the next chunk.
+
+    A scan ends `window_ns` after its first row, and before a second time of one sensor; with 0 it is of one time.
+    """
     if window_ns == 0 or not len(table):
         return [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
     starts = [0]
@@ -223,7 +232,13 @@ def _starts(table: Bearings, window_ns: int) -> list[int]:
 
 
 def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Scan]:
-    """Scans between consecutive starts; rows from the last start on are left out."""
+    """Generate the scans between consecutive starts; rows from the last start on are left out.
+
+    Args:
+        table: bearings, sorted by time.
+        starts: first rows of scans.
+        names: of all sensors, in the order of their indices.
+    """
     n = starts[-1]
     if n == 0:
         return
@@ -240,7 +255,14 @@ def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterat
 
 
 def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> None:
-    """InputError if a sensor has two rows for a target in one scan."""
+    """InputError if a sensor has two rows for a target in one scan.
+
+    Args:
+        table: bearings.
+        sensor: (n,) index of each row's sensor.
+        scan: (n,) number of each row's scan.
+        order: (n,) rows sorted by scan, sensor and target.
+    """
     target = table.target_id[order]
     same = (np.diff(scan) == 0) & (np.diff(sensor[order]) == 0) & (np.diff(target) == 0)
     same &= target[1:] != UNLABELLED
@@ -258,7 +280,14 @@ def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> Non
 def choose_sensors(
     scene: Scene, only: Iterable[str] = (), without: Iterable[str] = (), *, readers: bool = False
 ) -> frozenset[str]:
-    """Names of the sensors to use (including readers if applicable); UsageError for an unknown name."""
+    """Names of the sensors to use; UsageError for an unknown name, or if none is left.
+
+    Args:
+        scene: has the sensors.
+        only: names to choose from; empty: all.
+        without: names to leave out.
+        readers: readers count as sensors.
+    """
     names = (*sensor_names(scene), *(r.name for r in scene.readers if readers))
     only, without = list(only), list(without)
     for name in (*only, *without):

@@ -92,7 +92,12 @@ class LabelEvents:
                 yield chunk
 
     def at(self, t_ns: Ints, target_id: Ints32) -> tuple[Bools, Bools]:
-        """(N,) masks of rows of targets while their labels were exchanged, and while their label jumped."""
+        """Two (N,) masks of rows: those while labels of their target were exchanged, and those while its label jumped.
+
+        Args:
+            t_ns: (N,) times [ns].
+            target_id: (N,) targets.
+        """
         exchanged, jumped = np.zeros(len(t_ns), dtype=np.bool_), np.zeros(len(t_ns), dtype=np.bool_)
         for one in self.exchanges:
             own = (t_ns >= one.begin_ns) & np.isin(target_id, one.targets)
@@ -147,7 +152,10 @@ class LabelContinuity:
         yield from self._passed(last=True)
 
     def _passed(self, *, last: bool) -> Iterator[Bearings]:
-        """Process the buffered rows, and return those that are decided."""
+        """Process the buffered rows, and generate those that are decided.
+
+        `last`: no more rows come, so that all are decided.
+        """
         held = self._held
         if not len(held):
             return
@@ -216,7 +224,7 @@ class LabelContinuity:
         return int(rows.t_ns[-1]) + 1 if math.isinf(open_s) else self._time(open_s)
 
     def _time(self, seconds: float) -> int:
-        """The time of a row [ns]."""
+        """Time [ns] of a row at `seconds` after the first one."""
         assert self._origin_ns is not None
         return self._origin_ns + round(seconds * NS)
 
@@ -234,7 +242,7 @@ class LabelContinuity:
             self.events.jumps.append(LabelJump(target, self._time(at_s), self._time(third), distance, speed, allowed))
 
     def _exchange(self, targets: tuple[int, int], sensor: str, t_ns: int) -> None:
-        """Start an exchange, or end the current one."""
+        """Start an exchange of the labels of two targets in a sensor at `t_ns` [ns], or end it there if it is open."""
         exchanges = self.events.exchanges
         for n, one in enumerate(exchanges):
             if one.targets == targets and one.sensor == sensor and one.end_ns is None:
@@ -269,7 +277,7 @@ def _empty(labels: int, sensors: int) -> ContinuityState:
 
 
 def _grown(state: ContinuityState, labels: int) -> ContinuityState:
-    """Add filters for further labels."""
+    """Return the state with filters for further labels, `labels` in all."""
     K, out = len(state.known), _empty(labels, len(state.identity))
     for name, values in zip(ContinuityState._fields, state, strict=True):
         new: Floats = getattr(out, name)

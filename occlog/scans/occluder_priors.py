@@ -43,7 +43,7 @@ class OccluderFeed:
         """How often the latest priors were too old to be used."""
 
     def at(self, t_ns: int) -> Priors | None:
-        """Latest priors at or before a time; None if there are none, or if they are too old.
+        """Latest priors at or before `t_ns` [ns]; None if there are none, or if they are too old.
 
         InputError if times of priors decrease, or a polygon has no area.
         """
@@ -63,7 +63,7 @@ class OccluderFeed:
 
 
 def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[int, Occluders | Hulls]]:
-    """Rows grouped by time, sorted."""
+    """Generate the rows of each time, in order; InputError if times go back."""
     rest: Occluders | Hulls | None = None
     for chunk in chunks:
         if not len(chunk):
@@ -85,7 +85,10 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    """Priors of the rows of one time; a row without occluder (id below 0) means that there are none."""
+    """Priors of the rows of one time; a row without occluder (id below 0) means that there are none.
+
+    `diameter` is that of each occluder; InputError for a polygon that is not valid.
+    """
     absent = table.occluder_id < 0
     there = table.take(~absent) if absent.any() else table
     if not len(there):
@@ -103,7 +106,7 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
 
 
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
-    """Priors at the true positions, with covariance 0: the case RMSE_occ = 0 of [Ercan].
+    """Generate priors at the true positions, with covariance 0: the case RMSE_occ = 0 of [Ercan].
 
     A time without moving occluders has a row without occluder.
     """
@@ -118,7 +121,7 @@ def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
 
 
 def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
-    """Rechunk rows so that no time is split."""
+    """Generate the rows in other chunks, so that no time is split."""
     rest = Truth.empty()
     for chunk in chunks:
         table = Truth.concat([rest, chunk])
@@ -185,14 +188,24 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
 
 
 def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles) -> MovingObstacleTracks:
-    """People of a table as obstacles; those of a truth have no covariance."""
+    """People of a table as moving obstacles, in steps from `start_ns` [ns] on; those of a truth have no covariance."""
     positions = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
     clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
     return MovingObstacleTracks(rows.t_ns, rows.target_id, positions, clock, limit_ns)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:
-    """Start time, `after_ns` after the first row, and the rows of all steps from then on, with a margin."""
+    """Read the rows of a table that all steps need, and the longest gap (`people.max_gap_s`) before and after.
+
+    Args:
+        opened: file.
+        table: kind of table.
+        after_ns: time from the first row to the first step [ns].
+        people: settings: gap, number of steps and time between them.
+
+    Returns:
+        Time of the first step [ns], 0 if the table is empty; and the rows.
+    """
     gap_ns, most_ns = round(people.max_gap_s * NS), round((people.steps + 1) * people.step_s * NS)
     parts: list[T] = []
     start_ns: int | None = None

@@ -335,7 +335,7 @@ class MeasureConfig(Settings):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of measurements."""
+        """Kinds of measurements that are simulated; empty: none."""
         return () if self.measure is None else tuple(part.strip() for part in self.measure.split(","))
 
 

@@ -60,7 +60,7 @@ APPEARANCE = "appearance.json"
 
 
 def run_scene(request: SceneRequest, job: Job) -> JobResult:
-    """Simulate a recording of a scene from a file."""
+    """Simulate a recording of a scene from a file; return the summary."""
     if request.scene is None:
         raise UsageError(
             f"no scene: give SCENE (a file), or {option('scene')} {' or '.join(KINDS)}", id="missing-option"
@@ -76,7 +76,7 @@ def run_scene(request: SceneRequest, job: Job) -> JobResult:
 
 
 def run_people(request: SimulatePeopleRequest, job: Job) -> JobResult:
-    """Render the video of people of similar appearance."""
+    """Render the video of people of similar appearance as a recording; return the summary."""
     return _write(people_setup(request), request, job)
 
 
@@ -123,7 +123,13 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
 
 
 def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
-    """Return the people of another file whom the simulated walkers avoid."""
+    """People of another file whom the simulated walkers avoid, as circles with the diameter of the walkers.
+
+    Args:
+        opened: the file.
+        scene: has the unit of length.
+        world: diameter and time steps.
+    """
     taken = PeopleAsObstacles(
         radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
     )
@@ -170,7 +176,10 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
-    """Return the settings of randomly walking objects; with video, no person walks into a wall."""
+    """Settings of randomly walking objects.
+
+    With video, they keep at least half a diameter from walls unless the user sets `wall_clearance`.
+    """
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
     if request.render and "wall_clearance" not in request.world:
@@ -179,9 +188,15 @@ def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
 
 
 def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> WorldConfig:
-    """Return step count, step times and sizes for scripted paths.
+    """Number and duration of time steps, numbers of objects and their sizes for scripted paths.
 
-    Options override the paths file, which overrides defaults.
+    Args:
+        scene: has the unit of length.
+        request: options, which override the paths file.
+        script: contents of the paths file, which override the defaults.
+
+    Raises:
+        InputError: scene and paths have different units, or the frame rate of the paths file is not allowed.
     """
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(
@@ -203,7 +218,13 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
 
 
 def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) -> dict[str, object]:
-    """Return the keyword arguments for step duration and step count that the request states."""
+    """Return the duration of a step [s], and the number of steps if the request states one, as keyword arguments.
+
+    Args:
+        defaults: has the duration of a step if there is no rate.
+        rate_hz: steps per second; None: not stated.
+        seconds: duration; None: not stated.
+    """
     step_s = defaults.step_s if rate_hz is None else 1.0 / rate_hz
     steps = {} if seconds is None else {"steps": round(seconds / step_s) + 1}
     return {"step_s": step_s, **steps}
@@ -234,7 +255,15 @@ def people_setup(request: SimulatePeopleRequest) -> Setup:
 def write_recording(
     setup: Setup, made: Provenance, output: Path, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, object]:
-    """Write the recording with provenance and seed, and return the summary of its contents."""
+    """Write the recording, and return the summary of its contents.
+
+    Args:
+        setup: what to simulate.
+        made: provenance, with the seed.
+        output: recording; videos are next to it.
+        overwrite: replace existing files.
+        quiet: no progress bar.
+    """
     seed = made.seed or 0
     start = _places_apart(setup, seed) if setup.separate else None
     if setup.render is not None and setup.script is not None:
@@ -290,7 +319,7 @@ def _targets(setup: Setup) -> list[int]:
 
 
 def _places_apart(setup: Setup, seed: int) -> Floats:
-    """Return start positions of people at which they do not occlude each other; UsageError if none are found."""
+    """Return start positions (n, 2) of people at which they do not occlude each other; UsageError if none are found."""
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
@@ -298,7 +327,10 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:
-    """Generate chunks of true paths: random walks from positions (n, 2) (None: random), or scripted paths."""
+    """Generate chunks of true paths, random walks or scripted paths.
+
+    `start` (n, 2) are the first positions of the walks; None: random.
+    """
     world, script = setup.world, setup.script
     if script is None:
         return simulate_truth(setup.scene, world, seed, start, field=setup.field, people=setup.people)
@@ -309,7 +341,15 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Ti
 def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | TimeGrid]:
-    """Yield the chunks of truth, writing each with the sensors' simulated measurements to the recording."""
+    """Generate the chunks of the truth, and write each with the sensors' simulated measurements to the recording.
+
+    Args:
+        writer: of the recording.
+        setup: scene and settings.
+        seed: of the random numbers.
+        start: (n, 2) first positions of random walks; None: random.
+        counts: of the summary: numbers of rows are added.
+    """
     truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
@@ -344,7 +384,13 @@ def _recorded(
 
 
 def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig) -> int:
-    """Count the time steps, summed over walkers, at which a person is closer to a walker than one diameter."""
+    """Count the time steps, summed over walkers, at which a person is closer to a walker than one diameter.
+
+    Args:
+        chunk: positions of walkers at some time steps.
+        people: whom the walkers avoid.
+        world: diameter and time steps.
+    """
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [
         distance(positions[:, None, :2], people.at(int(number)).xy)

@@ -100,7 +100,14 @@ def simulate_truth(
 
 
 def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: MovingObstacleTracks | None) -> Avoidance:
-    """Return the potential-field settings of objects that avoid obstacles."""
+    """Settings of the potential field by which objects avoid obstacles.
+
+    Args:
+        scene: has the static occluders.
+        config: of the world: speed, diameter and time step.
+        field: of the potential field.
+        people: whom the objects avoid, too; None: nobody.
+    """
     return Avoidance(
         field=field_of(field),
         steps=steps_of(field, config.speed * config.step_s, 0.5 * config.diameter),
@@ -111,7 +118,11 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
 
 
 def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: MovingObstacleTracks | None) -> WaypointState:
-    """Draw random start positions for all n objects, away from people."""
+    """Draw the random start state of n objects: their positions and destinations.
+
+    They are at least a diameter from each other and from the people of the first step. InputError if n is 0, or if they
+    do not fit.
+    """
     if n == 0:
         raise InputError("simulate: targets and occluders are both 0; give at least one object", id="missing-option")
     there = np.empty((0, 2)) if people is None else people.at(0).xy

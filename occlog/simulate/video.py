@@ -69,7 +69,7 @@ class Setup:
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
-    """The video file of each camera, next to the recording; none where images go into it."""
+    """Video file of each camera with a pose, next to the recording; empty if images go into it or are not rendered."""
     if setup.render is None or setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras if c.placed}
@@ -86,7 +86,21 @@ def film(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Render all cameras along the chunks of truth; write and count video frames and true boxes."""
+    """Render the images of all cameras along the true paths, and write them and the true boxes.
+
+    Images go into the recording, or into a video file per camera next to it. Nothing is done without settings of the
+    renderer.
+
+    Args:
+        writer: of the recording.
+        setup: scene and settings.
+        output: file of the recording.
+        chunks: true paths.
+        seed: of the random numbers.
+        counts: of the summary: frames, boxes and bytes are added.
+        overwrite: replace existing video files.
+        quiet: no progress is shown.
+    """
     if setup.render is None:
         return
     drawn = render(setup.scene, chunks, setup.render, seed)
@@ -118,7 +132,19 @@ def _film_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> dict[str, LosslessVideo]:
-    """Write the frames to one video file per camera; return the closed files by camera."""
+    """Write the frames to one video file per camera, and their true boxes to the recording.
+
+    Args:
+        writer: of the recording.
+        setup: scene and settings.
+        paths: file of each camera.
+        frames: rendered, by time.
+        counts: of the summary: frames and boxes are added.
+        overwrite: replace existing files.
+
+    Returns:
+        Videos by camera, complete and closed.
+    """
     videos: dict[str, LosslessVideo] = {}
     with ExitStack() as stack:
         for frame in frames:
@@ -143,7 +169,7 @@ def _frames_in_all(setup: Setup) -> int:
 
 
 def _compressed(frames: Iterable[Rendered], workers: int) -> Iterator[tuple[Rendered, bytes]]:
-    """Yield frames with their PNG bytes in order, compressing in background threads."""
+    """Generate frames with their PNG bytes in order, compressing in a number of background threads (`workers`)."""
     waiting: deque[tuple[Rendered, Future[bytes]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for frame in frames:

@@ -80,7 +80,13 @@ class BoardLens(NamedTuple):
 
 
 def board_of(size: str, dictionary: str, marker: float) -> Board:
-    """Parse `COLUMNSxROWS` to a board; UsageError for anything else."""
+    """Parse `size`, COLUMNSxROWS of a chessboard or ChArUco board; UsageError if it or the dictionary is not valid.
+
+    Args:
+        size: inner corners of a chessboard, or squares with a dictionary.
+        dictionary: of ChArUco markers, by OpenCV's name without `DICT_`; empty: a plain chessboard.
+        marker: side of a marker over that of a square.
+    """
     cells = size.lower().split("x")
     if len(cells) != 2 or not all(cell.isdecimal() and 2 <= int(cell[:3]) <= 50 and len(cell) < 3 for cell in cells):
         raise UsageError(f"{option('board')} {size}: expected COLUMNSxROWS, each of 2 to 50, as in 9x6")
@@ -103,7 +109,7 @@ class BoardDetector:
     """Detects a board in images with subpixel accuracy."""
 
     def __init__(self, board: Board) -> None:
-        """Prepare OpenCV's detector."""
+        """Prepare OpenCV's detector of a board's corners."""
         self.board = board
         if board.dictionary:
             markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{board.dictionary}"))
@@ -153,7 +159,10 @@ def _moved(a: BoardView, b: BoardView) -> float:
 
 
 def _spread(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
-    """Select at most `MAX_VIEWS` views by farthest-point sampling: each differs most from those selected before."""
+    """Select at most `MAX_VIEWS` views by farthest-point sampling: each differs most from those selected before.
+
+    `size` is width and height of the images [px].
+    """
     if len(views) <= MAX_VIEWS:
         return list(views)
     # Position, extent and perspective of the board
@@ -232,7 +241,10 @@ class _Fit(NamedTuple):
 
 
 def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fit:
-    """Calibrate with two radial coefficients, or with three if these fit clearly better."""
+    """Calibrate with two radial coefficients, or with three if these fit clearly better.
+
+    InputError if OpenCV finds no solution. `size` is width and height of the images [px].
+    """
     corners = corners_of(board)
     points = [corners[v.corner].astype(np.float32) for v in views]
     pixels = [v.pixels.astype(np.float32).reshape(-1, 1, 2) for v in views]
@@ -252,7 +264,7 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], board: Board) -> _Fi
 
 
 def _coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
-    """Share of the cells of the image that contain a corner."""
+    """Share of the cells of the image, 0 to 1, that contain a corner; `size` is its width and height [px]."""
     pixels = np.concatenate([v.pixels for v in views])
     cell = np.clip((pixels / size * CELLS).astype(np.int64), 0, np.array(CELLS) - 1)
     return len(np.unique(cell, axis=0)) / (CELLS[0] * CELLS[1])

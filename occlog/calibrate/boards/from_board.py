@@ -33,7 +33,15 @@ COVERAGE, RESIDUAL = "board coverage", "board residuals"
 
 
 def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutput:
-    """Calibrate the lens of each camera by images of a board."""
+    """Calibrate the lens of each camera by images of a board.
+
+    Args:
+        request: has the board and the images.
+        job: shows the progress.
+
+    Raises:
+        UsageError: an option applies to calibration by people only.
+    """
     given: dict[str, object] = {"scene": request.scene, "ignore_poses": request.ignore_poses, "focal": request.focal}
     given |= {
         "radial": request.radial,
@@ -85,7 +93,10 @@ def _cameras(request: CalibrateRequest) -> list[str]:
 
 
 def _images(path: Path, name: str, losses: list[Loss]) -> Iterator[Image]:
-    """Generate images of one camera, at least `STEP_S` apart; all images of a folder."""
+    """Generate images of the camera `name`, at least `STEP_S` apart; all images of a folder.
+
+    `path` is a recording, a video or a folder; losses of the decoder are added to `losses`.
+    """
     last = -np.inf
     if not path.is_dir() and content_of(path, "a video or a recording") is Content.RECORDING:
         for frame in open_recording(path).frames([name]):

@@ -25,7 +25,7 @@ ARRAYS = "microphone arrays"
 
 
 def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened | None:
-    """The input with directions of arrival; None: missing."""
+    """Input with directions of arrival: the given file, or the input of the boxes; None if neither has any."""
     if request.doa is None:
         return inputs.opened if inputs.opened.has(Doa) else None
     opened = open_input(request.doa, Doa)
@@ -38,7 +38,15 @@ def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened |
 def place_arrays(
     opened: Opened, scene: Scene, paths: Sequence[Path], config: CalibrateConfig, metre: float
 ) -> list[ArrayResult]:
-    """Place the microphone arrays of a scene that have directions of arrival, by people who speak."""
+    """Estimate the poses of the microphone arrays of a scene that have directions of arrival, by people who speak.
+
+    Args:
+        opened: input with directions.
+        scene: has the arrays.
+        paths: of people.
+        config: heights of mouths, and limit of clock offsets.
+        metre: a metre in scene units.
+    """
     heard = Doa.concat([Doa.empty(), *opened.rows(Doa)])
     recorded = {a.name: float(a.yaw) for a in (() if opened.scene is None else opened.scene.arrays)}
     out = []
@@ -60,7 +68,13 @@ def place_arrays(
 
 
 def with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> Scene:
-    """The scene with arrays that were placed, and their clocks."""
+    """The scene with the microphone arrays at their estimated positions, and with clocks of those that are late.
+
+    Args:
+        scene: with calibrated cameras; its arrays have known positions.
+        stated: as read, with all arrays; those that could neither be estimated nor are in `scene` are omitted.
+        arrays: results.
+    """
     clocks = {clock.name: clock for clock in scene.clocks}
     found = {}
     for each in arrays:
@@ -78,7 +92,7 @@ def with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> S
 
 
 def array_figures(each: ArrayResult) -> dict[str, object]:
-    """Figures of one microphone array."""
+    """Figures of one microphone array for the summary, by name."""
     if each.reason:
         return {"estimated": False, "directions": each.directions, "of_people": round(each.share, 2)}
     return {
@@ -114,7 +128,7 @@ def array_checks(arrays: Sequence[ArrayResult], scene: Scene, *, placed: bool) -
 
 
 def array_comment(arrays: Sequence[ArrayResult], unit: str) -> str:
-    """Comments of a scene with the standard deviations of arrays."""
+    """Comment lines, for a scene file, with the standard deviations of arrays; lengths are in `unit`."""
     lines = []
     for each in arrays:
         if not each.reason:

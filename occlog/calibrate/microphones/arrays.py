@@ -99,7 +99,7 @@ class Directions(NamedTuple):
     sigma_elevation: Floats
 
     def take(self, rows: Ints) -> Directions:
-        """Some of the directions."""
+        """Select directions by indices."""
         return Directions(*(each[rows] for each in self))
 
 
@@ -177,7 +177,15 @@ def place_array(array: MicrophoneArray, heard: Directions, paths: Sequence[Path]
 
 
 def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, problem: _Problem) -> ArrayResult:
-    """The result with pose, standard deviations, and the offset of the clock."""
+    """Return the result with pose, standard deviations, and the offset of the clock.
+
+    Args:
+        out: result without them.
+        best: fit.
+        sigma: (5,) standard deviations of the parameters x, y, turn, offset, drop.
+        prior: of the array.
+        problem: that was fitted.
+    """
     x, y, turned, late, drop = best.values.tolist()
     z, sigma_z = float(out.array.position[2]), float("nan")
     if problem.raised:
@@ -191,7 +199,7 @@ def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, prob
 
 
 class _Fit(NamedTuple):
-    """A maximum of the likelihood."""
+    """A maximum of the likelihood of a microphone array's pose."""
 
     values: Floats
     gain: float  # logarithm of the likelihood over that of directions of no person
@@ -221,7 +229,13 @@ class _Problem:
 
     @classmethod
     def of(cls, heard: Directions, paths: Sequence[Path], prior: ArrayPrior) -> _Problem:
-        """Paths on the grid, and directions at times near to it."""
+        """Create the problem of one array.
+
+        Args:
+            heard: directions of the array; at most `MAX_DIRECTIONS` of them near the times of the paths are kept.
+            paths: of people; they are interpolated to a grid of times `STEP_S` apart.
+            prior: of the array: units in a metre and the largest offset of its clock.
+        """
         start = min(float(p.t_s[0]) for p in paths)
         stop = max(float(p.t_s[-1]) for p in paths)
         times: Floats = start + STEP_S * np.arange(int((stop - start) / STEP_S) + 2, dtype=np.float64)
@@ -231,7 +245,7 @@ class _Problem:
 
     @property
     def raised(self) -> bool:
-        """Whether elevations determine the height."""
+        """Whether there are enough elevations to determine the height of the array."""
         return bool(np.count_nonzero(np.isfinite(self.heard.elevation)) >= MIN_DIRECTIONS)
 
     def part(self) -> _Problem:
@@ -244,7 +258,10 @@ class _Problem:
         return np.asarray(np.isfinite(self.positions(0.0)[0]).any(axis=0))
 
     def positions(self, late_s: float) -> tuple[Complexes, Complexes]:
-        """(P, K) positions and velocities of people at the times of the directions; NaN: not there."""
+        """(P, K) complex positions and velocities of P people at the times of K directions; NaN: not there.
+
+        `late_s` is by how much the clock of the array is late [s].
+        """
         at = (self.heard.t_s - late_s - self.start_s) / STEP_S
         k = np.clip(np.floor(at).astype(np.int64), 0, self.xy.shape[1] - 2)
         share = at - k
@@ -270,7 +287,11 @@ def _spread(rows: Ints, most: int) -> Ints:
 
 
 def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
-    """Maxima of the likelihood, the largest first."""
+    """Search for the maxima of the likelihood: from many starts with few directions, then from the best with all.
+
+    Returns:
+        Maxima, the largest first, that are not close to each other; only the first has a covariance.
+    """
     part = problem.part()
     first = [_climbed(part, values, FEW_STEPS, ANNEALING) for values in _starts(part, prior)]
     first.sort(key=lambda each: -each.gain)
@@ -283,7 +304,7 @@ def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
 
 
 def _distinct(fits: Sequence[_Fit], metre: float) -> list[_Fit]:
-    """Fits without those near to a better one."""
+    """Fits, best first, without those near to a better one; `metre` is a metre in scene units."""
     out: list[_Fit] = []
     for each in fits:
         if not any(_near(each.values, other.values, metre) for other in out):
@@ -292,13 +313,16 @@ def _distinct(fits: Sequence[_Fit], metre: float) -> list[_Fit]:
 
 
 def _near(a: Floats, b: Floats, metre: float) -> bool:
-    """Whether two poses are nearly the same."""
+    """Whether two poses (parameters (5,)) are within a metre and 0.35 rad; `metre` is a metre in scene units."""
     turned = abs(float(wrap_angle(np.array(a[YAW] - b[YAW]))))
     return bool(np.hypot(a[X] - b[X], a[Y] - b[Y]) < metre and turned < 0.35)
 
 
 def _starts(part: _Problem, prior: ArrayPrior) -> list[Floats]:
-    """Poses at which most directions agree with people."""
+    """Parameters (5,) of poses at which most directions agree with people, to start the search from.
+
+    `part` is the problem with fewer directions.
+    """
     step, around = GRID * prior.metre, AROUND * prior.metre
     there = part.xy[np.isfinite(part.xy)]
     low = complex(there.real.min() - around, there.imag.min() - around)
@@ -335,6 +359,11 @@ def _votes(at: Complexes, places: Complexes, azimuth: Floats) -> Floats:
     """(G, BINS) directions that agree with a person, by the yaw, at each of G positions, less those by chance.
 
     A direction has one vote for a bin, however many people are there.
+
+    Args:
+        at: (P, K) complex positions of P people at the times of K directions; NaN: absent.
+        places: (G,) complex positions of the array.
+        azimuth: (K,) directions in the array's frame [rad].
     """
     out = np.zeros((len(places), BINS))
     turn, K = np.exp(-1j * azimuth), len(azimuth)
@@ -406,7 +435,14 @@ class _Weighed(NamedTuple):
 
 
 def _weighed(problem: _Problem, terms: _Terms, scale: float, chance: float) -> _Weighed:
-    """Responsibilities of the mixture."""
+    """Responsibilities of the mixture: probability of each direction to be of each person.
+
+    Args:
+        problem: has the K directions.
+        terms: residuals of the directions to P people.
+        scale: factor of the directions' standard deviations.
+        chance: share of directions of no person, 0 to 1.
+    """
     heard = problem.heard
     variance = (scale * heard.sigma) ** 2 + terms.spread**2
     variance_up = (scale * heard.sigma_elevation) ** 2 + terms.spread**2
@@ -430,7 +466,14 @@ def _weighed(problem: _Problem, terms: _Terms, scale: float, chance: float) -> _
 
 
 def _normal(terms: _Terms, w: _Weighed, late_precision: float, values: Floats) -> _Normal:
-    """Normal equations of a Gauss-Newton step, scores, and the information that unknown associations take."""
+    """Normal equations of a Gauss-Newton step, scores, and the information that unknown associations take.
+
+    Args:
+        terms: residuals and slopes.
+        w: responsibilities.
+        late_precision: of the prior of the clock offset, around 0 [1/s^2].
+        values: (5,) parameters.
+    """
     pull = w.of_person / w.variance
     up = np.isfinite(terms.elevation)
     pull_up = np.where(up, w.of_person / w.variance_up, 0.0)
@@ -452,7 +495,14 @@ def _late_precision(problem: _Problem) -> float:
 
 
 def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[float]) -> _Fit:
-    """The maximum of the likelihood near a start."""
+    """Maximum of the likelihood near the parameters `start` (5,), without a covariance.
+
+    Args:
+        problem: to solve.
+        start: unchanged.
+        limit: number of steps.
+        annealing: factors of the standard deviations in the first steps.
+    """
     values, scale, chance = start.copy(), 1.0, 0.3
     loose = np.diag([1e-6 / problem.metre**2] * 2 + [1e-6, 1e-6, 1e-6])
     for n in range(limit):
@@ -478,7 +528,7 @@ def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[f
 
 
 def _covariance(problem: _Problem, fit: _Fit) -> Floats:
-    """(5, 5) covariance of the parameters."""
+    """(5, 5) covariance of the parameters of a fit, widened where errors are correlated in time."""
     terms = _terms(problem, fit.values)
     w = _weighed(problem, terms, fit.scale, float(np.clip(1.0 - fit.share, 0.01, 0.98)))
     matrix, _, scores, missing = _normal(terms, w, _late_precision(problem), fit.values)
@@ -495,9 +545,14 @@ def _covariance(problem: _Problem, fit: _Fit) -> Floats:
 
 
 def _inverse(matrix: Floats, missing: Floats, unit: Floats) -> Floats:
-    """Inverse of the observed information (Louis 1982), which unknown associations leave a tenth of at least.
+    """(5, 5) inverse of the observed information (Louis 1982), which unknown associations leave a tenth of at least.
 
     What nothing determines has a standard deviation of a kilometre or a thousand radians.
+
+    Args:
+        matrix: (5, 5) information if all associations were known.
+        missing: (5, 5) what unknown associations take of it.
+        unit: (5,) a metre (in scene units), 1 rad or 1 s, by which parameters are scaled.
     """
     scaled = (matrix + np.diag(1e-6 / unit**2)) * np.outer(unit, unit)
     root = np.linalg.cholesky(scaled)

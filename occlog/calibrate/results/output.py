@@ -42,7 +42,10 @@ class CalibrationOutput(NamedTuple):
 
 
 def write_scene(path: Path, scene: Scene, comment: str, job: Job) -> None:
-    """Write a scene with a comment, or its cameras in another format; a note lists what that format cannot hold."""
+    """Write a scene with a comment, or its cameras in the format that the name of `path` ends in.
+
+    A note lists what that format cannot hold.
+    """
     form = format_of(path)
     if form is None:
         write_bytes(path, (comment + scene_to_yaml(scene)).encode(), job.overwrite)

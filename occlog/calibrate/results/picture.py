@@ -58,7 +58,10 @@ def picture(found: Calibrated, images: Mapping[str, Image], metre: float) -> byt
 
 
 def _residuals(found: Calibrated, rows: Ints) -> tuple[Floats, Floats]:
-    """Residuals [px] (observed minus expected): horizontal of box centres, vertical of lower edges."""
+    """Residuals (n,) [px] (observed minus expected): horizontal of box centres, and vertical of lower edges.
+
+    `rows` (n,) are indices of observations.
+    """
     r = found.residual[rows]
     return 0.5 * (r[:, 0] + r[:, 2]), r[:, 3]
 
@@ -78,7 +81,10 @@ def _feet(found: Calibrated) -> Floats:
 
 
 def _grid(feet: Floats, metre: float) -> tuple[list[Floats], int]:
-    """Lines (k, 3) of a floor grid where people are, and the grid spacing in metres."""
+    """Lines (k, 3) of a floor grid where people are, and the grid spacing in metres.
+
+    `feet` (n, 2) are their positions, `metre` is a metre in scene units.
+    """
     low, high = np.percentile(feet, [2.0, 98.0], axis=0) / metre
     low, high = np.floor(low - 0.5), np.ceil(high + 0.5)
     step = int(np.ceil(max(float((high - low).max()) / MAX_LINES, 1.0)))
@@ -94,7 +100,10 @@ def _grid(feet: Floats, metre: float) -> tuple[list[Floats], int]:
 
 
 def _draw_image(axes: Axes, camera: Camera, image: Image | None, lines: list[Floats], step: int) -> None:
-    """Draw the image of a camera, or its empty frame, with the floor grid."""
+    """Draw the image of a camera, or its empty frame, with the floor grid.
+
+    `lines` (k, 3) are the grid, `step` is its spacing in metres.
+    """
     width, height = camera.image_size or (1, 1)
     if image is not None:
         shown = image if image.ndim == 2 else image[:, :, ::-1]
@@ -109,7 +118,7 @@ def _draw_image(axes: Axes, camera: Camera, image: Image | None, lines: list[Flo
 
 
 def _draw_feet(axes: Axes, found: Calibrated, rows: Ints) -> None:
-    """Draw the feet of boxes, with lines to their expected positions."""
+    """Draw the feet of boxes, with lines to their expected positions; `rows` (n,) are indices of observations."""
     box = found.seen.box[rows]
     across, down = _residuals(found, rows)
     u, v = 0.5 * (box[:, 0] + box[:, 2]), box[:, 3]
@@ -120,7 +129,14 @@ def _draw_feet(axes: Axes, found: Calibrated, rows: Ints) -> None:
 
 
 def _draw_residuals(axes: Axes, found: Calibrated, mine: Ints, rows: Ints) -> None:
-    """Draw the residuals over time."""
+    """Draw the residuals over time.
+
+    Args:
+        axes: drawn into.
+        found: calibration.
+        mine: (m,) indices of all observations of a camera, for the title.
+        rows: (n,) those that are drawn.
+    """
     time = found.seen.time[found.seen.knot[rows]] - found.seen.time.min()
     for values, colour, name in zip(_residuals(found, rows), (ACROSS, DOWN), ("across", "feet"), strict=True):
         axes.plot(time, values, ".", color=colour, markersize=2.0, alpha=0.5, label=name)

@@ -141,7 +141,7 @@ def align_pair(
 
 
 def _shifted(paths: Complexes, late: int) -> Complexes:
-    """Paths of a clock that is late by some steps, at the times of the other clock: those of later times."""
+    """Paths (n, T) of a clock that is `late` by some steps, at the times of the other clock: those of later times."""
     out = np.full_like(paths, np.nan)
     if late >= 0:
         out[:, : paths.shape[1] - late] = paths[:, late:]
@@ -151,7 +151,16 @@ def _shifted(paths: Complexes, late: int) -> Complexes:
 
 
 def _proposals(a: Complexes, b: Complexes, step_s: float, person_height: float) -> tuple[Floats, Floats, Complexes]:
-    """Weights, yaws and translations (n,) of the planar congruences that map paths of b to paths of a."""
+    """Weights, yaws [rad] and translations (n,) of the planar congruences that map paths of b to paths of a.
+
+    One for each pair of paths that agree in shape; translations are complex.
+
+    Args:
+        a: (A, T) complex positions of paths; NaN: absent.
+        b: (B, T) likewise, in the frame of the other camera.
+        step_s: time step [s].
+        person_height: in scene units.
+    """
     there_a, there_b = np.isfinite(a), np.isfinite(b)
     za, zb = np.where(there_a, a, 0.0), np.where(there_b, b, 0.0)
     ma, mb = there_a.astype(np.float64), there_b.astype(np.float64)
@@ -180,7 +189,14 @@ def _by_time(paths: Complexes) -> Complexes:
 
 
 def _support(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> tuple[float, float]:
-    """Number of agreeing positions beyond chance for a pose of b in a, and their share of the possible number."""
+    """Number of agreeing positions beyond chance for a pose of b in a, and their share of the possible number.
+
+    Args:
+        a: (A, T) complex positions of paths; NaN: absent.
+        b: (B, T) likewise, in the frame of the other camera.
+        pose: of b in the frame of a.
+        person_height: in scene units, by which the distance of agreeing positions is limited.
+    """
     moved = pose.position + np.exp(1j * pose.yaw) * _shifted(b, round(pose.late))
     filled = np.flatnonzero(np.isfinite(a).any(axis=0) & np.isfinite(moved).any(axis=0))
     if len(filled) < 2:
@@ -196,7 +212,10 @@ def _support(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 
 
 def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
-    """(A, B, T) mask of mutual nearest neighbours within a distance limit."""
+    """(A, B, T) mask of mutual nearest neighbours of positions a (A, T) and b (B, T), within a distance limit.
+
+    Positions are complex; NaN: absent.
+    """
     if not (len(a) and len(b)):
         return np.zeros((len(a), len(b), a.shape[1]), dtype=np.bool_)
     gap = a[:, None] - b[None]
@@ -208,7 +227,14 @@ def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
 
 
 def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> PlanarPose:
-    """Refine a pose by least squares over all agreeing positions."""
+    """Refine a pose by least squares over all agreeing positions; the pose itself if there are too few.
+
+    Args:
+        a: (A, T) complex positions of paths; NaN: absent.
+        b: (B, T) likewise, in the frame of the other camera.
+        pose: of b in the frame of a.
+        person_height: in scene units.
+    """
     late = _shifted(b, round(pose.late))
     moved = pose.position + np.exp(1j * pose.yaw) * late
     i, j, t = np.nonzero(_mutual(a, moved, MATCH_HEIGHTS * person_height))
@@ -220,7 +246,10 @@ def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 
 
 def joined(count: int, pairs: Sequence[PairAlignment]) -> list[PlanarPose | None]:
-    """Poses of all cameras in the frame of the one with most support; None for cameras not connected to it."""
+    """Poses of all cameras in the frame of the one with most support; None for cameras not connected to it.
+
+    `count` is the number of cameras; pairs with too little support are ignored.
+    """
     good = [each for each in pairs if each.support >= MIN_SUPPORT and each.share >= MIN_SHARE]
     poses: list[PlanarPose | None] = [None] * count
     if not good:

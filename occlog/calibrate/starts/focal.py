@@ -124,7 +124,7 @@ def lens_unknown(camera: Camera) -> bool:
 
 
 def with_focal(camera: Camera, focal_px: float) -> Camera:
-    """The camera with square pixels, central principal point and no distortion."""
+    """Return the camera with a focal length [px], square pixels, central principal point and no distortion."""
     size = camera.image_size or (1, 1)
     focal, middle = np.full(2, focal_px), 0.5 * (np.array(size) - 1.0)
     fov = camera_fov(size, focal, middle, np.zeros(5), "brown", np.eye(3))
@@ -134,7 +134,7 @@ def with_focal(camera: Camera, focal_px: float) -> Camera:
 
 
 def _apart(t: Floats) -> list[int]:
-    """Indices of a subset of the times (n,) at least `STEP_S` apart."""
+    """Indices of a subset of the rising times t (n,) [s], at least `STEP_S` apart."""
     kept: list[int] = []
     for k, when in enumerate(t.tolist()):
         if not kept or when - t[kept[-1]] >= STEP_S:

@@ -122,7 +122,10 @@ def ground_plane(camera: Camera, boxes: Floats, person_height: float) -> GroundP
 
 
 def _ends(camera: Camera, boxes: Floats) -> tuple[Floats, Floats]:
-    """(n, 3) lines of sight of the feet and of the heads in the camera's frame, with a forward component of 1."""
+    """(n, 3) lines of sight of the feet and of the heads in the camera's frame, with a forward component of 1.
+
+    `boxes` (n, 4) are left, top, right, bottom [px].
+    """
     middle = 0.5 * (boxes[:, 0] + boxes[:, 2])
     foot, head = (ideal(camera, np.column_stack([middle, boxes[:, edge]])) for edge in (3, 1))
     one = np.ones((len(boxes), 1))

@@ -115,7 +115,10 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
 
 
 def _with_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
-    """Initial pose with known focal length: perspective-n-point (SQPnP, Terzakis and Lourakis 2020)."""
+    """Initial pose with known focal length: perspective-n-point (SQPnP, Terzakis and Lourakis 2020).
+
+    InputError if no pose fits. `pixels` (n, 2) are the marks in the image, `points` (n, 3) those in the world.
+    """
     ideal = undistort((pixels - camera.principal_px) / camera.focal_px, camera.distortion, camera.distortion_model)
     good = np.isfinite(ideal).all(axis=1)
     found = False
@@ -130,7 +133,11 @@ def _with_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
 
 
 def _without_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
-    """Initial pose with unknown focal length, from the homography of the floor."""
+    """Initial pose and focal length, from the homography of the floor, without distortion.
+
+    InputError without an image size, for points above the floor, or if no focal length fits. `pixels` (n, 2) are the
+    marks in the image, `points` (n, 3) those in the world.
+    """
     if camera.image_size is None:
         raise InputError(
             f"camera {camera.name}: has no image size; give it to ingest, or add image_size_px to a scene",

@@ -34,7 +34,13 @@ from .in_plane import (
 
 
 def sight_angles(xyz: Floats, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
-    """Azimuths and polar angles [rad] in the sensor's frame of positions (N, 3) in the world."""
+    """Azimuths (N,) and polar angles (N,) [rad] of world positions, in a sensor's frame.
+
+    Args:
+        xyz: (N, 3) positions in the world.
+        position: (3,) position of the sensor.
+        rotation: (3, 3) world-from-sensor rotation.
+    """
     return direction_angles((xyz - position) @ rotation)
 
 
@@ -108,6 +114,14 @@ def plane_variance(
     """(N,) first-order variances [rad^2] of a projected angle at true positions.
 
     Infinite where the plane is blind and on the sensor's own z axis, as in `direction_information`.
+
+    Args:
+        xyz: (N, 3) true positions.
+        position: (3,) position of the sensor.
+        rotation: (3, 3) world-from-sensor rotation.
+        sigma_theta: standard deviation of the azimuth [rad].
+        sigma_phi: standard deviation of the polar angle [rad].
+        plane: index in `projected_planes.PLANES`.
     """
     theta, phi = sight_angles(xyz, position, rotation)
     noise = (sigma_theta, sigma_phi, rotation)
@@ -136,10 +150,16 @@ def motion_bound(
 
 
 def motion_steps(information: Floats, dt: Floats, acceleration_density: float = 0.0) -> tuple[Floats, Floats, Floats]:
-    """Inputs of the recursion in `motion_bound`: information about the state, transitions, process noise.
+    """Inputs of the recursion in `motion_bound`.
+
+    Args:
+        information: (T, d, d) Fisher information about the position at each step; d is 3, or 2 in a plane.
+        dt: (T,) times [s] to each step from the one before, the first from the prior, >= 0.
+        acceleration_density: of the white acceleration [length^2/s^3].
 
     Returns:
-        Three (T, 2d, 2d).
+        Information about the state (positions, then velocities), transition matrices and covariances of the process
+        noise, each (T, 2d, 2d).
     """
     d = information.shape[1]
     full = np.zeros((len(dt), 2 * d, 2 * d))
@@ -184,8 +204,17 @@ def plane_bound(
 ) -> Floats:
     """(T, 4, 4) bounds of a plane's state with the projected angle of each sensor, [Lee] Sec. 2.3.1.
 
-    Arguments as in `direct_bound`; P0 is (4, 4), on the plane's axes, and `used` states which
-    angle of this plane was taken.  A blind plane adds no information.
+    A blind plane adds no information.
+
+    Args:
+        xyz: (T, 3) true positions.
+        dt: (T,) as in `motion_bound`.
+        sensors: positions (S, 3) and rotations (S, 3, 3).
+        sigmas: standard deviations of theta and phi [rad].
+        P0: (4, 4) covariance of the prior, on the plane's axes.
+        plane: index in `projected_planes.PLANES`.
+        used: (T, S) which sensors measured the angle of this plane at each step; all if None.
+        acceleration_density: as in `motion_bound`.
     """
     each = [
         plane_information(xyz, p, plane, plane_variance(xyz, p, R, *sigmas, plane))

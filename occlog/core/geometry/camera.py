@@ -41,7 +41,10 @@ def rotation_from_angles(yaw: float, pitch: float, roll: float) -> Floats:
 
 
 def array_rotation(yaw: float, pitch: float, roll: float) -> Floats:
-    """(3, 3) world-from-array rotation; x is forward, y to the left, z up, and the angles [rad] are as a camera's."""
+    """(3, 3) world-from-array rotation of a microphone array; its axes are x forward, y to the left, z up.
+
+    The angles yaw, pitch and roll [rad] are defined as those of a camera (`rotation_from_angles`).
+    """
     right, down, forward = rotation_from_angles(yaw, pitch, roll).T
     return np.column_stack([forward, -right, -down])
 
@@ -86,7 +89,17 @@ def points_to_pixels(
     model: str,
     rotation: Floats,
 ) -> Floats:
-    """Image points (N, 2) [px] of world points (N, 3); NaN for points behind the camera."""
+    """Image points (N, 2) [px] of world points; NaN for points behind the camera.
+
+    Args:
+        points: (N, 3) in the world.
+        position: (3,) position of the camera.
+        focal_px: (2,) focal lengths fx, fy.
+        principal_px: (2,) principal point.
+        coefficients: distortion, as `model` has them (`lens`).
+        model: name of the distortion model.
+        rotation: (3, 3) world-from-camera rotation, z forward.
+    """
     local = (points - position) @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         ideal = np.where(local[:, 2:] > 0, local[:, :2] / local[:, 2:], np.nan)
@@ -102,12 +115,26 @@ def rays_to_azimuth(rays: Floats) -> Floats:
 
 
 def azimuth_to_u(azimuth: Floats, yaw: float, focal_px: float) -> Floats:
-    """Horizontal offset [px], to the right, in the levelled image; the z of [Ercan] Eq. 1 is its negative."""
+    """Horizontal offset from the centre [px], positive to the right, of an azimuth in the levelled image.
+
+    The z of [Ercan] Eq. 1 is its negative.
+
+    Args:
+        azimuth: azimuths in the world [rad], within 90 degrees of the yaw.
+        yaw: azimuth of the optical axis [rad].
+        focal_px: focal length of the levelled image.
+    """
     return -focal_px * np.tan(wrap_angle(azimuth - yaw))
 
 
 def u_to_azimuth(u_px: Floats, yaw: float, focal_px: float) -> Floats:
-    """Azimuth [rad] of a horizontal offset in the levelled image (inverse of `azimuth_to_u`)."""
+    """Azimuth [rad] of a horizontal offset in the levelled image (inverse of `azimuth_to_u`).
+
+    Args:
+        u_px: offsets from the centre, positive to the right.
+        yaw: azimuth of the optical axis [rad].
+        focal_px: focal length of the levelled image.
+    """
     return wrap_angle(yaw - np.arctan(np.asarray(u_px) / focal_px))
 
 
@@ -138,7 +165,16 @@ def noise_variance(
     sigma_yaw: float,
     sigma_read_px: float | Floats,
 ) -> Floats:
-    """Variance of z given the position, [Ercan] Eq. 2 [px^2]; d must be positive."""
+    """Variance of z given the position, [Ercan] Eq. 2 [px^2].
+
+    Args:
+        h: offset of the position to the side of the optical axis.
+        d: its distance along the optical axis, > 0.
+        focal_px: focal length.
+        sigma_position: standard deviation of the camera's position, per axis, in the unit of h and d.
+        sigma_yaw: standard deviation of the yaw [rad].
+        sigma_read_px: standard deviation of the measurement in the image.
+    """
     ratio2 = 1.0 + (h / d) ** 2
     f2 = focal_px**2
     calibration = f2 * ratio2**2 * sigma_yaw**2 + f2 * ratio2 / d**2 * sigma_position**2
@@ -261,5 +297,10 @@ def turn_upright(up: Floats) -> Floats:
 
 
 def _roll(rotations: Floats, up: Floats) -> Floats:
-    """(C,) angles of the image's x axis above or below the horizon [rad]."""
+    """(C,) absolute angles [rad] of the image x axes to the horizon.
+
+    Args:
+        rotations: (C, 3, 3) world-from-camera rotations.
+        up: (3,) unit vector.
+    """
     return np.asarray(np.arcsin(np.clip(np.abs(rotations[:, :, 0] @ up), 0.0, 1.0)))

@@ -93,13 +93,22 @@ def line_distances(lines: Floats, points: Floats) -> Floats:
 
 
 def epipolar_distances(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N, 2) distances [px] of points a (N, 2) from the lines of their matches b (N, 2), and of b from those of a."""
+    """(N, 2) distances [px] of points a (N, 2) from the lines of their matches b (N, 2), and of b from those of a.
+
+    `matrix` (3, 3) is the fundamental matrix from view a to view b.
+    """
     back = line_distances(epipolar_lines(np.asarray(matrix).T, b), a)
     return np.abs(np.column_stack([back, line_distances(epipolar_lines(matrix, a), b)]))
 
 
 def symmetric_errors(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N,) root mean square of the two `epipolar_distances` of each match [px]."""
+    """(N,) root mean square of the two `epipolar_distances` of each match [px].
+
+    Args:
+        matrix: (3, 3) fundamental matrix from view a to view b.
+        a: (N, 2) points in view a.
+        b: (N, 2) their matches in view b.
+    """
     return np.asarray(np.sqrt((epipolar_distances(matrix, a, b) ** 2).mean(axis=1)))
 
 

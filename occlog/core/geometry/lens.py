@@ -34,12 +34,20 @@ MIN_DETERMINANT = 1e-4
 
 
 def is_straight(coefficients: Floats, model: str) -> bool:
-    """Whether a lens has no distortion; an equidistant lens always has distortion."""
+    """Whether a lens has no distortion: `coefficients` of `model` are all 0; always False for an equidistant lens."""
     return model != "equidistant" and not np.any(coefficients)
 
 
 def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Ideal normalised image coordinates (N, 2) to distorted ones."""
+    """Distorted normalised image coordinates (N, 2) of ideal ones.
+
+    Returns `xy` itself if there is no distortion.
+
+    Args:
+        xy: (N, 2) ideal normalised coordinates.
+        coefficients: of the model, in the order that the module states.
+        model: `brown`, `opencv`, `tsai` or `equidistant`.
+    """
     if model == "equidistant":
         radius = np.hypot(xy[:, 0], xy[:, 1])
         theta = np.arctan(radius)
@@ -52,7 +60,15 @@ def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Distorted normalised image coordinates (N, 2) to ideal ones; NaN beyond `MAX_ANGLE` of an equidistant lens."""
+    """Ideal normalised image coordinates (N, 2) of distorted ones; NaN beyond `MAX_ANGLE` of an equidistant lens.
+
+    Returns `xy` itself if there is no distortion.
+
+    Args:
+        xy: (N, 2) distorted normalised coordinates.
+        coefficients: of the model, in the order that the module states.
+        model: `brown`, `opencv`, `tsai` or `equidistant`.
+    """
     if model == "equidistant":
         return _straight(xy, coefficients)
     if not np.any(coefficients):
@@ -78,14 +94,20 @@ def usable_disc(coefficients: Floats) -> UsableDisc:
 
 
 def is_usable(xy: Floats, coefficients: Floats, model: str) -> Bools:
-    """(N,) mask of distorted normalised points (N, 2) within the valid part of the image."""
+    """(N,) mask of distorted normalised points `xy` (N, 2) that are in the usable disc of an equidistant lens.
+
+    All True for the other models; arguments as in `undistort`.
+    """
     if model != "equidistant":
         return np.ones(len(xy), dtype=np.bool_)
     return np.asarray(np.hypot(xy[:, 0], xy[:, 1]) <= usable_disc(coefficients).radius)
 
 
 def to_usable(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Distorted normalised points (N, 2), with those outside the usable disc moved to its edge."""
+    """Distorted normalised points (N, 2), with those outside the usable disc of an equidistant lens moved to its edge.
+
+    Returns `xy` itself for the other models; arguments as in `undistort`.
+    """
     if model != "equidistant":
         return xy
     limit = usable_disc(coefficients).radius * (1.0 - 1e-9)
@@ -97,6 +119,7 @@ def fold_radius(coefficients: Floats, model: str, far: float) -> float:
     """Ideal normalised radius up to which a polynomial lens is one-to-one; infinite if it exceeds `far`.
 
     Beyond it the distorted image folds back (OpenCV issue 20736): the determinant of the Jacobian is not positive.
+    Infinite for the models `tsai` and `equidistant`; arguments as in `distort`.
     """
     if model not in ("brown", "opencv") or not np.any(coefficients):
         return np.inf
@@ -109,14 +132,22 @@ def fold_radius(coefficients: Floats, model: str, far: float) -> float:
 
 
 def _bent(theta: Floats, coefficients: Floats) -> Floats:
-    """Distorted radii of rays at angles theta [rad] from the axis of an equidistant lens."""
+    """Distorted radii of rays at angles theta [rad] from the axis of an equidistant lens with `coefficients` (5,)."""
     t2 = theta * theta
     k1, k2, k3, k4, _ = coefficients
     return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
 
 
 def _straight(xy: Floats, coefficients: Floats) -> Floats:
-    """Undistort points of an equidistant lens, by Newton's method for the angle of each radius."""
+    """Undistort points of an equidistant lens by Newton's method for the angle of each radius.
+
+    Args:
+        xy: (N, 2) distorted normalised coordinates.
+        coefficients: (5,) k1, k2, k3, k4, 0.
+
+    Returns:
+        (N, 2) ideal normalised coordinates, NaN outside the usable disc.
+    """
     radius = np.hypot(xy[:, 0], xy[:, 1])
     k1, k2, k3, k4, _ = coefficients
     usable = is_usable(xy, coefficients, "equidistant")
@@ -153,7 +184,7 @@ def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def tilt(tau_x: float, tau_y: float) -> Floats:
-    """(3, 3) homography of a sensor tilted by angles [rad] about x and y.
+    """(3, 3) homography of a sensor tilted by tau_x and tau_y [rad] about x and y.
 
     As OpenCV's `computeTiltProjectionMatrix`.
     """
@@ -166,7 +197,13 @@ def tilt(tau_x: float, tau_y: float) -> Floats:
 
 
 def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """(N, 2, 2) Jacobian of distortion at ideal points (N, 2), by central differences."""
+    """(N, 2, 2) Jacobian of the distortion at ideal points, by central differences; row: distorted x, y.
+
+    Args:
+        xy: (N, 2) ideal normalised coordinates.
+        coefficients: of the model.
+        model: a polynomial one, `brown` or `opencv`.
+    """
     columns = [
         (_polynomial(xy + step, coefficients, model) - _polynomial(xy - step, coefficients, model)) / (2.0 * DIFFERENCE)
         for step in np.eye(2) * DIFFERENCE
@@ -175,7 +212,16 @@ def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Fixed-point inverse of `_polynomial`; converges for the distortions of real lenses inside the image."""
+    """Solve `_polynomial` = xy by a fixed-point iteration; converges for distortions of real lenses inside the image.
+
+    Args:
+        xy: (N, 2) values of the polynomial, in normalised coordinates.
+        coefficients: of the model.
+        model: `brown`, or `tsai` (its polynomial is from distorted to ideal coordinates).
+
+    Returns:
+        (N, 2) arguments of the polynomial.
+    """
     guess = xy.copy()
     # Beyond where a lens folds it does not converge
     with np.errstate(over="ignore", invalid="ignore"):
@@ -188,9 +234,16 @@ def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def _follow(xy: Floats, coefficients: Floats) -> Floats:
-    """Undistort points (N, 2) of OpenCV's complete model by continuation from the principal point.
+    """Undistort points of OpenCV's complete model by continuation from the principal point.
 
     Newton's method with increasing radius, so that the solution stays on the branch before the lens folds.
+
+    Args:
+        xy: (N, 2) distorted normalised coordinates.
+        coefficients: (14,) of the model `opencv`.
+
+    Returns:
+        (N, 2) ideal normalised coordinates.
     """
     centre = _polynomial(np.zeros((1, 2)), coefficients, "opencv")
     guess = np.zeros_like(xy)

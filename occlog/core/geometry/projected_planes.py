@@ -108,10 +108,16 @@ def projected_covariance(
 def blind_planes(
     theta: Floats, phi: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats, rotation: Floats
 ) -> Bools:
-    """(..., 3) whether the line of sight is within 5 sigma of the plane's normal, either way along it.
+    """(..., 3) whether the line of sight is within 5 sigma of each plane's normal, in either direction along it.
 
-    Sigma is the larger one of the line of sight's two standard deviations, sin(phi) sigma_theta
-    and sigma_phi.  Arguments as in `projected_covariance`.
+    Sigma is the larger one of the line of sight's two standard deviations, sin(phi) sigma_theta and sigma_phi.
+
+    Args:
+        theta: (...) azimuths in the sensor's frame [rad].
+        phi: (...) polar angles [rad].
+        sigma_theta: standard deviation of theta [rad].
+        sigma_phi: standard deviation of phi [rad].
+        rotation: (3, 3) world-from-sensor rotation.
     """
     world = _in_world(theta, phi, rotation)
     from_normal = np.arctan2(np.hypot(world[..., FIRST], world[..., SECOND]), np.abs(world[..., NORMAL]))
@@ -120,7 +126,13 @@ def blind_planes(
 
 
 def _tangent_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
-    """(..., 3, 2) gradients of the projected angles by arcs [rad] of the line of sight towards theta and phi."""
+    """(..., 3, 2) gradients of the projected angles by arcs [rad] of the line of sight towards theta and phi.
+
+    Args:
+        theta: (...) azimuths in the sensor's frame [rad].
+        phi: (...) polar angles [rad].
+        rotation: (3, 3) world-from-sensor rotation.
+    """
     s, c = np.sin(phi), np.cos(phi)
     to_theta = np.stack([-np.sin(theta), np.cos(theta), np.zeros_like(s)], axis=-1)
     to_phi = np.stack([c * np.cos(theta), c * np.sin(theta), -s], axis=-1)

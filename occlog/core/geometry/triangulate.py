@@ -83,7 +83,7 @@ def _wrap(angle: float) -> float:
 
 @kernel
 def _cost(r: float, loss: int) -> float:
-    """Robust loss rho of a standardised residual."""
+    """Robust loss rho of a standardised residual r; `loss` is a number in `LOSSES`."""
     if loss == 1:
         a = abs(r)
         return 0.5 * r * r if a <= HUBER_K else HUBER_K * (a - 0.5 * HUBER_K)
@@ -94,7 +94,7 @@ def _cost(r: float, loss: int) -> float:
 
 @kernel
 def _weight(r: float, loss: int) -> float:
-    """IRLS weight rho'(r) / r of a standardised residual."""
+    """IRLS weight rho'(r) / r, 0 to 1, of a standardised residual r; `loss` is a number in `LOSSES`."""
     if loss == 1:
         return min(1.0, HUBER_K / max(abs(r), 1e-300))
     if loss == 2:
@@ -112,7 +112,18 @@ def _total_cost(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss
 
 @kernel
 def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float) -> tuple[int, float, float]:
-    """Status and crossing of two lines, ahead of both sensors, with the least total loss over all lines."""
+    """Best crossing of two of R lines: ahead of both sensors, with the least total loss over all lines.
+
+    Args:
+        o: (R, 2) positions of the sensors.
+        beta: (R,) azimuths of the lines [rad].
+        sigma: (R,) their standard deviations [rad].
+        loss: number in `LOSSES`.
+        min_sine: pairs with a smaller sine of the crossing angle are skipped.
+
+    Returns:
+        Status, x and y; `NEAR_PARALLEL` if all pairs are skipped, `DISAGREEING` if no crossing is ahead of its sensors.
+    """
     status, best, x, y = NEAR_PARALLEL, np.inf, 0.0, 0.0
     for i in range(beta.shape[0]):
         for j in range(i):
@@ -137,7 +148,18 @@ def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: 
 def _normal_equations(
     x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int
 ) -> tuple[float, float, float, float, float]:
-    """Information A = sum w g g^T / sigma^2 (xx, xy, yy) and b = sum w g r / sigma, g the gradient of the azimuth."""
+    """Normal equations at (x, y): A = sum w g g^T / sigma^2 (returned as xx, xy, yy) and b = sum w g r / sigma (x, y).
+
+    g is the gradient of a line's azimuth, r its residual in standard deviations, w the weight of r by the loss.
+
+    Args:
+        x: position.
+        y: position.
+        o: (R, 2) positions of the sensors.
+        beta: (R,) azimuths of the lines [rad].
+        sigma: (R,) their standard deviations [rad].
+        loss: number in `LOSSES`.
+    """
     axx = axy = ayy = bx = by = 0.0
     for i in range(beta.shape[0]):
         dx, dy = x - o[i, 0], y - o[i, 1]
@@ -155,7 +177,16 @@ def _normal_equations(
 
 @kernel
 def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> tuple[float, float]:
-    """Gauss-Newton with step halving from (x, y)."""
+    """Return the position x, y of least total loss near (x, y), by Gauss-Newton steps with step halving.
+
+    Args:
+        x: start.
+        y: start.
+        o: (R, 2) positions of the sensors.
+        beta: (R,) azimuths of the lines [rad].
+        sigma: (R,) their standard deviations [rad].
+        loss: number in `LOSSES`.
+    """
     cost = _total_cost(x, y, o, beta, sigma, loss)
     for _ in range(60):
         axx, axy, ayy, bx, by = _normal_equations(x, y, o, beta, sigma, loss)
@@ -183,9 +214,17 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
 
 @kernel
 def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
-    """Sine of the widest crossing angle of two lines that point at (x, y) with at least half weight; 0 if missing.
+    """Sine of the widest crossing angle of two lines that point at (x, y) with at least half weight; 0 if none do.
 
-    With the Gaussian loss every line has to point there, so one that points away makes it 0.
+    With the Gaussian loss (0) every line has to point there, so one that points away makes it 0.
+
+    Args:
+        x: position.
+        y: position.
+        o: (R, 2) positions of the sensors.
+        beta: (R,) azimuths of the lines [rad].
+        sigma: (R,) their standard deviations [rad].
+        loss: number in `LOSSES`.
     """
     widest = 0.0
     for i in range(beta.shape[0]):
@@ -205,7 +244,15 @@ def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, l
 def _triangulate_one(
     o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float
 ) -> tuple[int, float, float, float, float, float]:
-    """Triangulate one scan: status, x, y, covariance xx, xy, yy."""
+    """Triangulate one scan of R lines: status, x, y, covariance xx, xy, yy; NaN unless the status is `TRIANGULATED`.
+
+    Args:
+        o: (R, 2) positions of the sensors.
+        beta: (R,) azimuths of the lines [rad].
+        sigma: (R,) their standard deviations [rad].
+        loss: number in `LOSSES`.
+        min_sine: least sine of the widest crossing angle.
+    """
     nan = np.nan
     if beta.shape[0] < 2:
         return TOO_FEW, nan, nan, nan, nan, nan
@@ -305,6 +352,13 @@ def _choose(groups: list[Ints], cost: Floats) -> list[int]:
     """Select groups without common directions: the set that uses most directions, among these the cheapest.
 
     Every group is tried as the first; the others are added greedily, larger ones first.
+
+    Args:
+        groups: indices of the directions of each of n groups.
+        cost: (n,) of the groups.
+
+    Returns:
+        Indices of the groups.
     """
     order = sorted((g for g in range(len(groups)) if len(groups[g])), key=lambda g: (-len(groups[g]), cost[g], g))
     sets = [frozenset(r.tolist()) for r in groups]
@@ -324,7 +378,13 @@ def _choose(groups: list[Ints], cost: Floats) -> list[int]:
 
 
 def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> tuple[Floats, Floats]:
-    """Positions (n, 2) and covariances (n, 2, 2) of groups of directions; NaN if they do not meet."""
+    """Positions (n, 2) and covariances (n, 2, 2) of n groups of directions; positions are NaN if the lines do not meet.
+
+    Args:
+        d: directions of one time step.
+        rows: of each group, the indices of its directions in `d`.
+        min_crossing: least angle between two lines [rad].
+    """
     if not rows:
         return NO_SOURCE, np.empty((0, 2, 2))
     flat = np.concatenate(rows)
@@ -334,7 +394,13 @@ def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> 
 
 
 def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
-    """(C, R) absolute residual of each direction at each position, in standard deviations of both."""
+    """(C, R) absolute residual of each of R directions at each of C positions, in standard deviations of both.
+
+    Args:
+        d: R directions of one time step.
+        xy: (C, 2) positions.
+        cov: (C, 2, 2) their covariances.
+    """
     away = xy[:, None] - d.origin[None]
     r2 = np.maximum(np.sum(away**2, axis=2), 1e-300)
     gradient = np.stack([-away[:, :, 1], away[:, :, 0]], axis=2) / r2[:, :, None]
@@ -344,7 +410,14 @@ def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
 
 
 def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
-    """Directions that support a position: its own two, and of every other array the nearest within the gate."""
+    """Sorted indices of the directions that support a position: its own two, and of every other array the nearest one.
+
+    Args:
+        d: R directions of one time step.
+        pair: (2,) indices of the two directions that cross at the position.
+        off: (R,) absolute residuals at the position, in standard deviations.
+        gate: directions with a larger residual support nothing.
+    """
     rows = pair.tolist()
     for a in np.unique(d.array).tolist():
         if a in d.array[pair]:
@@ -355,14 +428,29 @@ def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
 
 
 def _nearest(xy: Floats, cov: Floats, known: Floats, spread: Floats, gate: float) -> Floats:
-    """(C,) squared Mahalanobis distance of each position to the nearest known source, at most the gate's."""
+    """(C,) squared Mahalanobis distance of each position to the nearest known source, at most gate^2.
+
+    Args:
+        xy: (C, 2) positions.
+        cov: (C, 2, 2) their covariances.
+        known: (K, 2) known sources.
+        spread: (K, 2, 2) their covariances.
+        gate: limit of the distance, in standard deviations.
+    """
     if not len(known) or not len(xy):
         return np.full(len(xy), gate**2)
     return np.asarray(np.minimum(distance2(xy, cov, known, spread).min(axis=1), gate**2))
 
 
 def distance2(xy: Floats, cov: Floats, known: Floats, spread: Floats) -> Floats:
-    """(C, K) squared Mahalanobis distances between positions and known sources."""
+    """(C, K) squared Mahalanobis distances between positions and known sources, with the sum of both covariances.
+
+    Args:
+        xy: (C, 2) positions.
+        cov: (C, 2, 2) their covariances.
+        known: (K, 2) known sources.
+        spread: (K, 2, 2) their covariances.
+    """
     away = xy[:, None] - known[None]
     both = cov[:, None] + spread[None]
     return np.asarray(np.einsum("cki,cki->ck", away, np.linalg.solve(both, away[..., None])[..., 0]))

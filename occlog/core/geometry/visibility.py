@@ -117,7 +117,7 @@ def _convex(polygon: Floats) -> bool:
 
 @kernel
 def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
-    """(L,) mask of the positions (L, 2) to which sensor i is assigned: in view, in range and not behind a wall.
+    """(L,) mask of the positions `xy` (L, 2) to which sensor i is assigned: in view, in range and not behind a wall.
 
     A position behind a camera (d <= 0) is never assigned, so that h/d may be computed where the mask is true.
     """
@@ -142,6 +142,14 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
 
     Most positions are clearly nearer than the wall, clearly to its side or clearly behind it;
     the exact test is only for the others.
+
+    Args:
+        seen: (L,) mask; positions that are False already are skipped.
+        xy: (L, 2) positions.
+        x0: position of the sensor.
+        y0: position of the sensor.
+        wall: (K, 2) polygon.
+        cone: (8,) row of `Sensors.cone` of this wall and sensor.
     """
     rx, ry, lx, ly, near2 = cone[0], cone[1], cone[2], cone[3], cone[4] * (1.0 - SLACK)
     nx, ny, offset = cone[5], cone[6], cone[7]
@@ -177,7 +185,13 @@ def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
 
 
 def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
-    """(N,) mask of points (N, 2) that a polygon occludes from the origin (2,)."""
+    """(N,) mask of points that a polygon occludes.
+
+    Args:
+        origin: (2,) or (3,) position of the sensor; z is ignored.
+        xy: (N, 2) points.
+        walls: polygons (K, 2).
+    """
     hidden = np.zeros(len(xy), dtype=np.bool_)
     points = np.ascontiguousarray(xy)
     for wall in walls:
@@ -342,7 +356,10 @@ def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rn
 
 
 def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Floats]:
-    """(K, 2) crossings of lines of different sensors ahead of both, and proposal covariances (K, 2, 2) there."""
+    """(K, 2) crossings of lines of different sensors ahead of both, and proposal covariances (K, 2, 2) there.
+
+    Lines that are nearly parallel, and crossings out of range, are left out.
+    """
     pairs = [(i, j) for i, j in combinations(range(len(lines.azimuth)), 2) if lines.sensor[i] != lines.sensor[j]]
     if not pairs:
         return np.empty((0, 2)), np.empty((0, 2, 2))
@@ -367,7 +384,16 @@ def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Flo
 
 
 def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
-    """Sample (n, 2) positions along lines, uniform in distance."""
+    """Sample positions along random lines of sight: distances are uniform, azimuths normally distributed.
+
+    Args:
+        n: number of positions.
+        lines: directions of one scan.
+        rng: generator that is used.
+
+    Returns:
+        (n, 2) positions.
+    """
     which = rng.integers(len(lines.azimuth), size=n)
     r = lines.far[which] * rng.random(n)
     sigma = np.hypot(
@@ -378,7 +404,15 @@ def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
 
 
 def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
-    """(N,) proposal density of `_along` at positions (N, 2)."""
+    """Probability density with which `_along` samples positions.
+
+    Args:
+        xy: (N, 2) positions.
+        lines: directions of one scan.
+
+    Returns:
+        (N,) densities, the mean over all lines.
+    """
     away = xy[:, None] - lines.origin
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), MIN_RELATIVE_DISTANCE * lines.far)
     off = wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - lines.azimuth)
@@ -388,7 +422,13 @@ def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
 
 
 def _density_at(xy: Floats, centre: Floats, covariance: Floats) -> Floats:
-    """(N,) proposal density around the crossings at positions (N, 2)."""
+    """(N,) density at positions `xy` (N, 2) of an equal mixture of K normal distributions, one around each crossing.
+
+    Args:
+        xy: (N, 2) positions.
+        centre: (K, 2) means.
+        covariance: (K, 2, 2) covariances.
+    """
     precision = np.linalg.inv(covariance)
     scale = np.sqrt(np.linalg.det(precision)) / (2.0 * math.pi * len(centre))
     total = np.zeros(len(xy))

@@ -103,7 +103,7 @@ def normalised_squared_errors_in_space(errors: Floats, covariances: Floats) -> F
 
 
 def quantile(values: Floats, q: float) -> float:
-    """Quantile of finite values, linearly interpolated; NaN without values."""
+    """Quantile `q` (0 to 1) of finite values (n,), linearly interpolated; NaN without values."""
     return float(np.quantile(values, q)) if len(values) else math.nan
 
 
@@ -188,20 +188,20 @@ class Sum:
         self._total = self._lost = 0.0
 
     def add(self, value: float) -> None:
-        """Add a value."""
+        """Add a value, with the rounding error kept (Neumaier's compensated summation)."""
         total = self._total + value
         large, small = (self._total, value) if abs(self._total) >= abs(value) else (value, self._total)
         self._lost += (large - total) + small
         self._total = total
 
     def merge(self, other: Sum) -> None:
-        """Add another sum."""
+        """Add the total of another sum."""
         self.add(other._total)
         self.add(other._lost)
 
     @property
     def value(self) -> float:
-        """Total."""
+        """Total of all values added, accurate beyond the rounding of each step."""
         return self._total + self._lost
 
 
@@ -228,7 +228,10 @@ def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequen
 
 
 def _ranked(blocks: Callable[[], Iterable[Floats]], ranks: Ints) -> Floats:
-    """(R,) order statistics with the given ranks."""
+    """(R,) order statistics with the ranks (R,), counted from 0, of the values in all blocks.
+
+    `blocks` is called several times, and returns all values each time.
+    """
     prefix, left = np.zeros(len(ranks), dtype=np.uint64), ranks.copy()
     for shift in range(64 - DIGIT, -1, -DIGIT):
         different, which = np.unique(prefix, return_inverse=True)
@@ -290,11 +293,11 @@ SIGN = np.uint64(1 << 63)
 
 
 def _rising(values: Floats) -> np.ndarray:
-    """Map floats to integers of the same order (for radix selection)."""
+    """Map floats (n,) to unsigned integers (n,) of the same order (for radix selection)."""
     bits = (np.ascontiguousarray(values) + 0.0).view(np.uint64)
     return np.where(bits & SIGN, ~bits, bits | SIGN)
 
 
 def _numbers(keys: np.ndarray) -> Floats:
-    """Map the integers of `_rising` back to floats."""
+    """Map unsigned integers (n,) that `_rising` made back to the floats (n,); its inverse."""
     return np.where(keys & SIGN, keys & ~SIGN, ~keys).view(np.float64)

@@ -80,7 +80,7 @@ class BatchMeans:
     """
 
     def __init__(self) -> None:
-        """Start without squares."""
+        """Start without squares, and with batches of one."""
         self.count = 0
         self.squares = self.expected = 0.0
         self._size = 1

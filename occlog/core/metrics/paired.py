@@ -78,20 +78,27 @@ def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator)
 
 
 def chance_above(means: Floats, margin: float) -> float:
-    """One-sided p-value of a mean difference above a margin, if the differences are symmetric about the margin."""
+    """One-sided p-value of a mean difference above a margin, if the differences are symmetric about the margin.
+
+    `means` (n,) are the sorted means of resampled differences.
+    """
     least = margin + ROUNDING * max(abs(margin), float(np.abs(means[[0, -1]]).max()))
     return float((np.searchsorted(means, least, side="right") + 1) / (len(means) + 1))
 
 
 def chance_below(means: Floats, margin: float) -> float:
-    """One-sided p-value of a mean difference below a margin, if the differences are symmetric about the margin."""
+    """One-sided p-value of a mean difference below a margin, if the differences are symmetric about the margin.
+
+    `means` (n,) are the sorted means of resampled differences.
+    """
     return chance_above(-means[::-1], -margin)
 
 
 def interval(means: Floats, level: float) -> tuple[float, float]:
     """Confidence interval (low, high): the margins that the test rejects on neither side, at half of 1 - `level` each.
 
-    Unbounded where there are so few parts that no margin is rejected.
+    Unbounded where there are so few parts that no margin is rejected. `means` (n,) are the sorted means of resampled
+    differences.
     """
     # Rejected are margins with fewer than k means at or below them
     k = int(np.floor(0.5 * (1.0 - level) * (len(means) + 1) + ROUNDING))
@@ -142,13 +149,13 @@ class PairedDifference(NamedTuple):
         return 1.0 / (len(self.drawn) + 1) if len(self.drawn) else 0.0
 
     def below(self, margin: float) -> float:
-        """p-value of a difference this far below `margin`, for runs that differ by `margin`; NaN: unknown."""
+        """One-sided p-value: chance of a difference this far below `margin` if that is the true one; NaN: unknown."""
         if len(self.drawn):
             return chance_below(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference >= margin)
 
     def above(self, margin: float) -> float:
-        """p-value of a difference this far above `margin`, for runs that differ by `margin`; NaN: unknown."""
+        """One-sided p-value: chance of a difference this far above `margin` if that is the true one; NaN: unknown."""
         if len(self.drawn):
             return chance_above(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference <= margin)
@@ -210,7 +217,7 @@ def compare(
 
 
 def _gradient(metric: Metric, at: Floats) -> Floats:
-    """Gradient of a metric with respect to sums, by central differences."""
+    """Gradient of a metric with respect to its sums, at `at` (k,), by central differences."""
     h = STEP * np.maximum(np.abs(at), 1.0)
     moves = np.diag(h)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -222,7 +229,14 @@ def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 
 
 def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
-    """Recording, first frame and end of each segment; segments are long relative to the correlation time."""
+    """Cut recordings into segments that are long relative to the correlation time.
+
+    Args:
+        added: what each frame adds, an array for each recording.
+
+    Returns:
+        Recording, first frame and frame after the last, of each segment.
+    """
     frames = sum(len(u) for u in added)
     length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MAX_STRETCHES))
     out = []

@@ -13,7 +13,7 @@ def rank_one(like: Floats, owner: Ints) -> float:
 
     Args:
         like: (n, P) similarities of candidates to people; NaN: not compared, which is never the most similar.
-        owner: (n,) position of the person whom each candidate shows.
+        owner: (n,) index, among the P people, of the person whom each candidate shows.
     """
     if not len(like):
         return float("nan")
@@ -27,6 +27,10 @@ def area_under_curve(like: Floats, owner: Ints) -> float:
     """Area under the ROC curve: probability that a similarity to the own person exceeds one to another person.
 
     Mann-Whitney statistic over all values that are not NaN; ties count half. NaN without values of one kind.
+
+    Args:
+        like: (n, K) similarities of n rows to K persons.
+        owner: (n,) index of each row's own person.
     """
     same = owner[:, None] == np.arange(like.shape[1])
     known = np.isfinite(like)

@@ -51,8 +51,8 @@ class FieldSettings(Settings):
     )
     escape: str = setting(
         "inside",
-        "Way out of an oscillation: `none`; `inside` the region of the prevention by a right angle (step 3.1); "
-        "`outside` it by the angle at which the obstacle is just passed (step 3.2).",
+        "Way out of an oscillation: `none`; `inside`: turn by a right angle where a step could reach the obstacle "
+        "(step 3.1); `outside`: at most a step farther away, turn by the angle at which it is just passed (step 3.2).",
         choices=("none", "inside", "outside"),
         option="--escape",
     )
@@ -80,7 +80,8 @@ class FieldSettings(Settings):
     )
     opposition_tolerance: float = setting(
         0.05,
-        "Two forces are opposite if the cosine of the angle between them is at most -1 plus this (Eq. 5.26).",
+        "Oscillation: total forces of two successive steps are opposite if the cosine of their angle is at most -1 "
+        "plus this (Eq. 5.26). Larger values detect oscillations more readily.",
         at_least=0,
         below=1,
         option="--opposition-tolerance",

@@ -48,19 +48,28 @@ def attractive_potential(p: Floats, goal: Floats, field: Field) -> Floats:
 
 
 def repulsive_potential(p: Floats, obstacle: Floats, field: Field) -> Floats:
-    """(...) potential of obstacles at positions p ([Lee] Eq. 5.10); 0 beyond the influence."""
+    """(...) potential of obstacles at positions `p` ([Lee] Eq. 5.10); 0 beyond the influence.
+
+    `obstacle` (..., 2) is the point of each obstacle from which distances are measured.
+    """
     rho = np.maximum(distance(p, obstacle), LEAST)
     excess = np.maximum(1.0 / rho - 1.0 / field.influence, 0.0)
     return np.asarray(field.repulsion * excess**field.repulsion_power)
 
 
 def attractive_force(p: Floats, goal: Floats, field: Field) -> Floats:
-    """(..., 2) force of the goal ([Lee] Eq. 5.11); it points to the goal, and is 0 on it."""
+    """(..., 2) force of the goals (..., 2) on robots at `p` (..., 2) ([Lee] Eq. 5.11).
+
+    It points to the goal, and is 0 on it.
+    """
     return -attraction_at(distance(p, goal), field)[..., None] * direction(p, goal)
 
 
 def repulsive_force(p: Floats, obstacle: Floats, field: Field) -> Floats:
-    """(..., 2) force of each obstacle ([Lee] Eq. 5.12); it points away from the obstacle."""
+    """(..., 2) force of each obstacle on robots at `p` (..., 2) ([Lee] Eq. 5.12); it points away from the obstacle.
+
+    `obstacle` (..., 2) is the point of each obstacle from which distances are measured.
+    """
     return repulsion_at(distance(p, obstacle), field)[..., None] * direction(p, obstacle)
 
 
@@ -99,7 +108,7 @@ def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bool
 
 
 def within_reach(rho: Floats, reach: Floats) -> Bools:
-    """(...) mask of obstacles at distances rho within a step plus the radii ([Lee] Eqs. 5.17 and 5.25)."""
+    """(...) mask of obstacles at distances rho within `reach`, a step plus the radii ([Lee] Eqs. 5.17 and 5.25)."""
     return np.asarray(rho <= reach * (1.0 + ROUNDING))
 
 

@@ -43,7 +43,13 @@ def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
 
 
 def nearest_on_polygons(xy: Floats, corners: Floats, starts: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
-    """(N, P, 2) border points of packed polygons (`pack_polygons`) nearest to positions (N, 2)."""
+    """(N, P, 2) border points of P polygons that are nearest to N positions.
+
+    Args:
+        xy: (N, 2) positions.
+        corners: (V, 2) of all polygons, packed by `pack_polygons`.
+        starts: (P + 1,) first corner of each polygon.
+    """
     out = np.empty((len(xy), len(starts) - 1, 2))
     for p in range(len(starts) - 1):
         points = nearest_on_segments(xy, edges(corners[starts[p] : starts[p + 1]]))
@@ -75,9 +81,12 @@ def least_to_points(start: Floats, end: Floats, first: Floats, last: Floats) -> 
 
 
 def least_to_segments(start: Floats, end: Floats, segments: Floats) -> Floats:
-    """(N, E) least distances between the robots' straight steps, from (N, 2) to (N, 2), and E segments.
+    """(N, E) least distances between the robots' straight steps and E segments; 0 if they cross.
 
-    0 if they cross.
+    Args:
+        start: (N, 2) positions before the step.
+        end: (N, 2) positions after it.
+        segments: (E, 2, 2) both ends of each segment.
     """
     ends = [distance(p[:, None], nearest_on_segments(p, segments)) for p in (start, end)]
     steps = np.stack([start, end], axis=1)
@@ -100,7 +109,7 @@ BLOCK = 256
 
 
 class StepClock(NamedTuple):
-    """Step times of robots: start and period."""
+    """Step times of robots: step k is at `start_ns` + k `step_s`."""
 
     start_ns: int  # time of step 0
     step_s: float

@@ -21,7 +21,7 @@ from .forces import ROUNDING, Field, attractive_force, direction, distance, prev
 
 
 class Range(NamedTuple):
-    """A range with its ends."""
+    """Interval with ends `low` and `high`."""
 
     low: float
     high: float
@@ -42,37 +42,55 @@ def opposite(previous: Floats, force: Floats, tolerance: float) -> Bools:
 
 
 def distance_inside(way: float, radii: float) -> Range:
-    """Range of d_osc for a robot that escapes inside the region of prevention ([Lee] Eq. 5.27); the low end is open.
+    """Range of the distance d_osc from robot to obstacle at an escape inside the region of prevention.
+
+    [Lee] Eq. 5.27; the low end is open.
 
     Args:
         way: s_r T_s, length of a step.
-        radii: r_r + r_o.
+        radii: r_r + r_o, of robot and obstacle.
     """
     return Range(0.0, way + radii)
 
 
 def distance_outside(way: float, radii: float) -> Range:
-    """Range of d_osc for a robot that escapes outside the region ([Lee] Eq. 5.28); the low end is open."""
+    """Range of the distance d_osc from robot to obstacle at an escape outside the region of prevention.
+
+    [Lee] Eq. 5.28; the low end is open.
+
+    Args:
+        way: s_r T_s, length of a step.
+        radii: r_r + r_o, of robot and obstacle.
+    """
     return Range(way + radii, 2.0 * way + radii)
 
 
 def angle_at(d: float, radii: float) -> float:
-    """Angle theta_osc [rad] at which a robot at distance d just passes an obstacle ([Lee] Eqs. 5.29 and 5.30)."""
+    """Angle theta_osc [rad] at which a robot at distance `d` just passes an obstacle ([Lee] Eqs. 5.29 and 5.30).
+
+    `radii` is r_r + r_o, of robot and obstacle; the angle is pi / 2 if `d` is not above it.
+    """
     return math.asin(min(1.0, radii / d))
 
 
 def angle_inside(way: float, radii: float) -> Range:
-    """Range of the escape angle [rad] inside the region of prevention ([Lee] Eq. 5.31); the high end is open."""
+    """Range of the escape angle [rad] inside the region of prevention ([Lee] Eq. 5.31); the high end is open.
+
+    `way` is the length of a step, s_r T_s, `radii` is r_r + r_o, of robot and obstacle.
+    """
     return Range(angle_at(way + radii, radii), 0.5 * math.pi)
 
 
 def angle_outside(way: float, radii: float) -> Range:
-    """Range of the escape angle [rad] outside the region of prevention ([Lee] Eq. 5.32); the high end is open."""
+    """Range of the escape angle [rad] outside the region of prevention ([Lee] Eq. 5.32); the high end is open.
+
+    `way` is the length of a step, s_r T_s, `radii` is r_r + r_o, of robot and obstacle.
+    """
     return Range(angle_at(2.0 * way + radii, radii), angle_at(way + radii, radii))
 
 
 def turned(force: Floats, angle: Floats) -> Floats:
-    """(..., 2) forces rotated to the left by angles (...) ([Lee] Eqs. 5.33 and 5.34)."""
+    """(..., 2) vectors `force` (..., 2) turned to the left by `angle` (...) [rad] ([Lee] Eqs. 5.33 and 5.34)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = force[..., 0], force[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -102,7 +120,7 @@ class NearbyObstacles(NamedTuple):
 
 
 class StepRules(NamedTuple):
-    """Step length, radii and rules of robots."""
+    """Length of a step, radius and rules of all robots."""
 
     way: float  # s_r T_s
     radius: float  # r_r
@@ -126,7 +144,7 @@ def field_of(settings: FieldSettings) -> Field:
 
 
 def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
-    """Step rules from the settings, for robots with a radius and step length."""
+    """Step rules from the settings, for robots with a length of steps `way` and a `radius`."""
     return StepRules(
         way=way,
         radius=radius,
@@ -189,7 +207,17 @@ def steer(
 
 
 def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond: Floats, reach: Floats) -> Floats:
-    """(N,) escape angle [rad]; 0 if the robot is not where it is to escape (inside the region, or a step outside)."""
+    """(N,) escape angle [rad], not negative; 0 where a robot does not escape.
+
+    With the rule `inside` a robot escapes in the region of prevention, with `outside` at most a step outside it.
+
+    Args:
+        xy: (N, 2) positions.
+        around: K obstacles.
+        steps: rule, radius and length of steps.
+        beyond: (N, K) distance to each obstacle beyond its reach; <= 0: inside the region of prevention.
+        reach: (K,) radius of this region.
+    """
     near = np.argmin(beyond, axis=1)
     gap = beyond[np.arange(len(xy)), near]
     inside = gap <= ROUNDING * reach[near]
@@ -203,9 +231,17 @@ def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond:
 
 
 def _sided(xy: Floats, goal: Floats, around: NearbyObstacles, steps: StepRules, total: Floats, angle: Floats) -> Floats:
-    """(N,) escape angles with the sign of the side to which robots turn.
+    """(N,) escape angles [rad] with the sign of the side to which robots turn, left is positive.
 
     `free`: the side with the next position farther from obstacles; on ties the one nearer to the goal, then the left.
+
+    Args:
+        xy: (N, 2) positions.
+        goal: (N, 2) their goals.
+        around: K obstacles.
+        steps: side and length of steps.
+        total: (N, 2) total forces before the turn.
+        angle: (N,) absolute escape angles [rad].
     """
     if steps.side != "free":
         return angle if steps.side == "left" else -angle

@@ -45,7 +45,12 @@ def interpolate_positions(t_ns: Ints, known_t_ns: Ints, known: Floats, limit_ns:
 def hold_positions(t_ns: Ints, known_t_ns: Ints, known: Floats) -> Floats:
     """(N, k) positions interpolated over gaps of any width, held before the first and after the last sample.
 
-    For quantities that only need a rough position; M must be at least 1.
+    For quantities that only need a rough position.
+
+    Args:
+        t_ns: (N,) times [ns].
+        known_t_ns: (M,) increasing times of the samples [ns], M at least 1.
+        known: (M, k) the samples.
     """
     before, after, fraction, _ = _bracket(t_ns, known_t_ns)
     w = np.clip(fraction, 0.0, 1.0)[:, None]
@@ -54,7 +59,14 @@ def hold_positions(t_ns: Ints, known_t_ns: Ints, known: Floats) -> Floats:
 
 
 def _bracket(t_ns: Ints, known_t_ns: Ints) -> tuple[Ints, Ints, Floats, Ints]:
-    """Indices of the samples before and after, fraction of the way between them, and their distance [ns]."""
+    """Indices of the samples before and after, fraction of the way between them, and their distance [ns]; each (N,).
+
+    The fraction is below 0 before the first sample, and counts ns after the last one.
+
+    Args:
+        t_ns: (N,) times [ns].
+        known_t_ns: (M,) increasing times of the samples [ns].
+    """
     before = np.clip(np.searchsorted(known_t_ns, t_ns, side="right") - 1, 0, len(known_t_ns) - 1)
     after = np.minimum(before + 1, len(known_t_ns) - 1)
     gap = known_t_ns[after] - known_t_ns[before]
@@ -85,9 +97,15 @@ class SensorFrames(NamedTuple):
 
 
 def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> TimeGrid:
-    """Arrange R rows of times, object numbers, target flags and positions (R, 3) as a grid.
+    """Arrange R rows as a grid of distinct times and objects, both sorted; NaN where an object has no row.
 
     Of two rows for the same time and object the last is used.
+
+    Args:
+        t_ns: (R,) times [ns].
+        ids: (R,) numbers of the objects.
+        target: (R,) whether the object is a target.
+        xyz: (R, 3) positions.
     """
     times, row = np.unique(t_ns, return_inverse=True)
     names, column = np.unique(ids, return_inverse=True)
@@ -99,9 +117,9 @@ def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) ->
 
 
 def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> tuple[Ints, int]:
-    """Frame times in (after, last] of a sensor with frames from `start_ns` on, and the number of the first.
+    """Frame times [ns] of a sensor in (`after_ns`, `last_ns`], and the number of the first of them (0 without any).
 
-    Frame k is at start + round(k 1e9 / rate).
+    Frame k, from 0, is at `start_ns` + round(k 1e9 / rate_hz).
     """
     period = 1e9 / rate_hz
     first = max(0, int((after_ns - start_ns) / period) - 1)

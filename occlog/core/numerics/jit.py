@@ -56,7 +56,7 @@ def _cached(function: F, compiled: Any) -> F:
 
 
 def _of_any_value(template: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile calls by other kernels with a constant argument as with a variable.
+    """Compile calls by other kernels with a constant argument as with a variable: a wrapper of a kernel's template.
 
     Numba would compile the kernel, and all that it calls, once more for each constant among its arguments.
     """
@@ -82,14 +82,14 @@ class Stopwatch(event.Listener):  # type: ignore[misc]
         self._before = 0.0
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002
-        """Compilation of a kernel starts."""
+        """Count the start of a kernel's compilation, which may be inside another one."""
         if self._depth == 0:
             self._begin = time.perf_counter()
         self._depth += 1
         self._check_time()
 
     def on_end(self, event: event.Event) -> None:  # noqa: ARG002
-        """Compilation of a kernel ends."""
+        """Count the end of a kernel's compilation, and add its time if it was the outermost."""
         self._check_time()
         self._depth -= 1
         if self._depth == 0:

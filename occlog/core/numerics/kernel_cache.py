@@ -57,7 +57,12 @@ def _files_of(name: str, base: str) -> tuple[tuple[str, str], ...]:
 
 @cache
 def _read(name: str, path: str) -> tuple[bytes, tuple[str, ...]]:
-    """Digest of a module's file, and the absolute names that it imports (modules, or names in them)."""
+    """SHA-256 digest of a module's file, and the absolute names that it imports (modules, or names in them).
+
+    Args:
+        name: of the module, for relative imports.
+        path: its file.
+    """
     text = Path(path).read_bytes()
     package = name if path.endswith("__init__.py") else name.rpartition(".")[0]
     names = []
@@ -108,7 +113,10 @@ def _absolute(name: str, package: str) -> str:
 
 @cache
 def stamp(module: str, base: str) -> str:
-    """SHA-256 over numba's version and the source files that a module's kernels depend on, with their names."""
+    """SHA-256 over numba's version and the source files that a module's kernels depend on, with their names.
+
+    `base` is the folder with the top-level package.
+    """
     whole = hashlib.sha256(numba.__version__.encode())
     for name, path in sorted(files_behind(module, base).items()):
         whole.update(name.encode() + b"\0" + _read(name, path)[0])
@@ -137,7 +145,7 @@ def _chosen() -> Path | None:
 
 
 def _users() -> Path:
-    """The user's cache folder."""
+    """Folder for kernels in the user's cache folder."""
     from numba.misc.appdirs import AppDirs
 
     return Path(AppDirs(appname="occlog", appauthor=False).user_cache_dir) / "kernels"
@@ -153,7 +161,12 @@ class KernelLocator:
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> KernelLocator | None:
-        """Locator of the first folder that is writable (by this user only, except the program's); None without one."""
+        """Locator of the first folder that is writable (by this user only, except the program's); None without one.
+
+        Args:
+            function: the kernel, of which the module's name counts.
+            file: source file of this module.
+        """
         path = Path(file).resolve()
         depth = function.__module__.count(".") + (path.name == "__init__.py")
         base = path.parents[depth]
@@ -170,7 +183,7 @@ class KernelLocator:
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
-        """The folder."""
+        """Folder of the compiled kernels."""
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
@@ -178,13 +191,16 @@ class KernelLocator:
         return stamp(self._module, self._base)
 
     def get_disambiguator(self) -> str:
-        """Distinguishes functions of one name."""
+        """Text that distinguishes functions of one name in a file: the first line."""
         return str(self._line)
 
 
 @cache
 def _usable(folder: Path, trusted: bool) -> bool:
-    """Whether a folder exists or can be created and is writable; by this user only, unless it is the program's."""
+    """Whether a folder exists or can be created, and is writable; by this user only, unless it is `trusted`.
+
+    A missing folder is created.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError:
@@ -209,7 +225,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     _impl_class = _Files
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        """Choose the folder.
+        """Choose the folder for the compiled kernel of a function.
 
         Raises:
             NoCacheError: none can be written, as in a container that is read-only.
@@ -221,7 +237,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             raise NoCacheError from error
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load the compiled kernel for a signature; None if missing."""
+        """Load the compiled kernel for a signature; None if it is missing, or stored in a form that cannot be read."""
         try:
             return super().load_overload(sig, target_context)
         except (AttributeError, ImportError):
@@ -229,7 +245,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save a compiled kernel; on failure (full disk) it is used by this process only."""
+        """Save the compiled kernel of a signature; on failure (full disk), which is noted, only this process has it."""
         try:
             super().save_overload(sig, data)
         except OSError:

@@ -38,5 +38,12 @@ class RandomStream(IntEnum):
 
 
 def generator(seed: int, stage: RandomStream, *items: int, run: int = 0) -> np.random.Generator:
-    """Random generator for one stage and item (object, sensor, or sensor and frame) of one run."""
+    """Random generator for one stage and item of one run, independent of all others with the same seed.
+
+    Args:
+        seed: of the command.
+        stage: stage, or part of it.
+        items: numbers of object, of sensor, or of sensor and frame.
+        run: number of the Monte Carlo run.
+    """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, int(stage), *items)))

@@ -50,7 +50,7 @@ EDGE = 4.6
 
 @array_kernel
 def fast_erf(x: float) -> float:
-    """erf(x) within 1e-10; NaN stays NaN."""
+    """Error function erf(x) with an error below 1e-10; NaN stays NaN."""
     x = EDGE if x > EDGE else x
     x = -EDGE if x < -EDGE else x
     t = x * x

@@ -92,7 +92,12 @@ def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) ->
 
 @kernel
 def crossing(a: Floats, b: Floats) -> float:
-    """The t at which two sides cross; NaN if they do not cross."""
+    """Second coordinate t at which two segments cross; NaN if they do not cross.
+
+    Args:
+        a: (4,) s, t of one end, s, t of the other.
+        b: (4,) the other segment.
+    """
     a_s, a_t, b_s, b_t = a[2] - a[0], a[3] - a[1], b[2] - b[0], b[3] - b[1]
     cross = a_s * b_t - a_t * b_s
     if cross == 0.0:
@@ -107,7 +112,10 @@ def crossing(a: Floats, b: Floats) -> float:
 
 @kernel
 def steepest(border: Floats, low: float, high: float) -> float:
-    """Greatest |ds/dt| of the sides that pass between the slices at low and high."""
+    """Greatest |ds/dt| of the sides that pass between the slices at low and high; 0 without any.
+
+    `border` (E, 4) has s, t of both ends of each side.
+    """
     most = 0.0
     for e in range(border.shape[0]):
         s0, t0, s1, t1 = border[e]
@@ -177,7 +185,16 @@ def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Float
 
 @kernel
 def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tuple[Floats, Ints]:
-    """Rectangles that the prior can reach, in its own axes (major axis s, minor axis t, origin at the mean).
+    """Rectangles of cameras that the prior can reach, in its own axes (s major, t minor, origin at the mean).
+
+    An occluder with its centre in a camera's rectangle hides (x, y) from it.
+
+    Args:
+        x: position.
+        y: position.
+        cameras: (N, 2) positions.
+        priors: of the occluders.
+        j: which of them.
 
     Returns:
         (n, 6): direction to the position, s and t; the camera's position, s and t; distance; half-width.
@@ -210,7 +227,7 @@ def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tupl
 
 @kernel
 def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
-    """Corners (K, 2) in the prior's own axes, relative to its mean."""
+    """(K, 2) points `corners` (K, 2) in the axes of prior j (major, minor), relative to its mean."""
     c, s = priors.axis[j, 0], priors.axis[j, 1]
     out = np.empty(corners.shape)
     for k in range(corners.shape[0]):
@@ -221,7 +238,10 @@ def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
 
 @kernel
 def _interval(row: Floats, t: float) -> tuple[float, float]:
-    """Interval of s in which the slice at t is inside a rectangle; empty if low > high."""
+    """Interval of s in which the slice at t is inside a rectangle; empty if low > high.
+
+    `row` (6,) is the rectangle as `_strips` returns it.
+    """
     d_s, d_t, r, radius = row[0], row[1], row[4], row[5]
     start = (t - row[3]) * d_t - row[2] * d_s  # distance along the line of sight at s = 0; it grows by d_s
     side = (t - row[3]) * d_s + row[2] * d_t  # distance across it at s = 0; it grows by -d_t
@@ -298,7 +318,15 @@ def _slice_into(
 
 @kernel
 def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None:
-    """Insert an end among the first `size` sorted ends, in place."""
+    """Insert an end among the first `size` sorted ends, in place.
+
+    Args:
+        ends: ends, with room for one more.
+        flips: the bit of each, in the same order.
+        size: number of ends so far.
+        end: the new one.
+        flip: its bit.
+    """
     k = size
     while k > 0 and ends[k - 1] > end:
         ends[k], flips[k] = ends[k - 1], flips[k - 1]
@@ -308,7 +336,15 @@ def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None
 
 @kernel
 def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: float) -> None:
-    """Add the pieces of a normal prior, in place, by Gauss-Legendre quadrature between the cuts."""
+    """Add the probabilities of a normal prior, in place, by Gauss-Legendre quadrature between the cuts.
+
+    Args:
+        out: (2^N,) probability that exactly a set of cameras is blocked.
+        rows: (n, 6) rectangles of `_strips`.
+        bits: (n,) bits of their cameras.
+        sigma: standard deviation along the major axis.
+        minor: standard deviation along the minor axis, > 0.
+    """
     none, border = np.zeros(0), sides(rows, np.zeros((0, 2)))
     ends, flips = np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
     at = cuts(border, -SUPPORT_SIGMAS * minor, SUPPORT_SIGMAS * minor, sigma, minor)
@@ -331,7 +367,16 @@ def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: flo
 
 @kernel
 def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> None:
-    """Add the pieces of a prior uniform over a polygon, in place; the midpoint rule is exact between the cuts."""
+    """Add the probabilities of a prior that is uniform over a polygon, in place.
+
+    The midpoint rule is exact between the cuts.
+
+    Args:
+        out: (2^N,) probability that exactly a set of cameras is blocked.
+        rows: (n, 6) rectangles of `_strips`.
+        bits: (n,) bits of their cameras.
+        polygon: (K, 2) counter-clockwise, in the prior's own axes.
+    """
     low, high = np.min(polygon[:, 1]), np.max(polygon[:, 1])
     area, K = 0.0, polygon.shape[0]
     for k in range(K):

@@ -80,7 +80,14 @@ def add_joint(
 
 @array_kernel
 def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
-    """(2^m,) probability that no camera of Q (bit mask) is blocked, for every subset Q of the cameras (m, 2)."""
+    """(2^m,) probability that no camera of Q (bit mask) is blocked at (x, y), for every subset Q of the m cameras.
+
+    Args:
+        x: position.
+        y: position.
+        cameras: (m, 2) positions.
+        priors: of the occluders, which are independent of each other.
+    """
     m = cameras.shape[0]
     out = np.ones(1 << m)
     for j in range(priors.sigma.shape[0]):
@@ -184,7 +191,12 @@ def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
 
 @array_kernel
 def by_weight(seeing: Floats, hidden: Floats) -> Ints:
-    """(m,) order of the cameras for pruning: those with one negligible branch first."""
+    """(m,) order of the cameras for pruning: those with one negligible branch first.
+
+    Args:
+        seeing: (m,) factor of the branch in which the camera is not blocked.
+        hidden: (m,) factor of the other branch.
+    """
     m = seeing.shape[0]
     order, key = np.empty(m, dtype=np.int64), np.empty(m)
     for i in range(m):
@@ -198,7 +210,10 @@ def by_weight(seeing: Floats, hidden: Floats) -> Ints:
 
 @array_kernel
 def joint_visibility(sums: Floats) -> float:
-    """Probability that no camera of Q is blocked: prod_j max(0, 1 - sums_j)."""
+    """Probability that no camera of a set is blocked: prod_j max(0, 1 - sums_j).
+
+    `sums` (M,) are, for each occluder, the sums of its blocking probabilities over the cameras of the set.
+    """
     p0, p1, p2, p3 = 1.0, 1.0, 1.0, 1.0
     whole = sums.shape[0] - sums.shape[0] % LANES
     for j in range(0, whole, LANES):

@@ -135,7 +135,16 @@ def visibility_probability(
 ) -> Floats:
     """(n,) probabilities P = prod_j (1 - q_j) of an unoccluded view of `xy[rows]` from a camera at (x0, y0).
 
-    See `blocking_into` for the arguments; occluders are independent of each other.
+    Occluders are independent of each other.
+
+    Args:
+        xy: (L, 2) positions.
+        rows: (n,) indices of those that count.
+        x0: position of the camera.
+        y0: position of the camera.
+        priors: of the occluders.
+        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
+        far: standard deviations at which a normal distribution counts as over.
     """
     n = rows.shape[0]
     share = np.ones(n)
@@ -153,7 +162,20 @@ def visibility_probability(
 def blocking_probabilities(
     xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """(M, n) probabilities q that each occluder hides the positions `xy[rows]` from a camera at (x0, y0)."""
+    """Probabilities q that single moving occluders hide positions from a camera.
+
+    Args:
+        xy: (L, 2) positions.
+        rows: (n,) indices of those that are wanted.
+        x0: position of the camera.
+        y0: position of the camera.
+        priors: of the M occluders.
+        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
+        far: standard deviations at which a normal distribution counts as over.
+
+    Returns:
+        (M, n) probabilities, by occluder and position.
+    """
     n = rows.shape[0]
     out = np.zeros((priors.sigma.shape[0], n))
     if n == 0:
@@ -166,7 +188,7 @@ def blocking_probabilities(
 
 @array_kernel
 def extent(j: int, priors: Priors, far: float) -> float:
-    """Extent of prior j from its mean: `far` standard deviations, or the distance of its farthest corner."""
+    """Greatest distance from the mean of prior j: `far` standard deviations, or the distance of its farthest corner."""
     if priors.first[j] == priors.first[j + 1]:
         gaussian: float = far * priors.sigma[j]
         return gaussian
@@ -193,6 +215,18 @@ def isotropic_into(
     """Write blocking probabilities q of an isotropic prior; `scale` is 1 / (sqrt 2 sigma).
 
     Four loops without branches, for vectorisation.
+
+    Args:
+        q: (n,) filled.
+        ux: (n,) x of the rays' unit vectors.
+        uy: (n,) y of the rays' unit vectors.
+        r: (n,) lengths of the rays.
+        mx: mean of the prior, relative to the camera.
+        my: mean of the prior, relative to the camera.
+        radius: half of the occluder's diameter.
+        scale: as above.
+        before: the whole prior is in front of the camera.
+        behind: the whole prior is nearer than the end of every ray.
     """
     n = q.shape[0]
     if before and behind:
@@ -256,7 +290,7 @@ def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors:
 
 @array_kernel
 def density(x: float) -> float:
-    """Standard normal density."""
+    """Density of the standard normal distribution at x."""
     return math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
 
 
@@ -334,9 +368,9 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid
 
 @array_kernel
 def terms(half: float, tolerance: float) -> int:
-    """Number of polynomials for an interval of +- half standard deviations of the narrowest prior.
+    """Number of Chebyshev polynomials for an interval of +- half standard deviations of the narrowest prior.
 
-    The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!).
+    The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!); those below `tolerance` are left out.
     """
     n, size = 0, 2.0
     while size > tolerance and n <= MAX_DEGREE:
@@ -372,7 +406,24 @@ def fit(n: int) -> Floats:
 def unhidden_over(
     grid: HiddenGrid, xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """Approximate `visibility_probability` by interpolation on the grid, if that is faster and accurate enough."""
+    """Probabilities that positions are not hidden from a camera, interpolated on a grid.
+
+    They approximate `visibility_probability`, and are exact where the grid is not faster, the camera is too near to it,
+    or the error would be too large.
+
+    Args:
+        grid: that of the positions `xy`.
+        xy: (L, 2) positions.
+        rows: (n,) indices of those that are wanted.
+        x0: position of the camera.
+        y0: position of the camera.
+        priors: of the moving occluders.
+        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
+        far: standard deviations at which a normal distribution counts as over.
+
+    Returns:
+        (n,) probabilities.
+    """
     nx, ny = grid.first.shape[0], grid.second.shape[0]
     away = math.sqrt((grid.x - x0) ** 2 + (grid.y - y0) ** 2)
     if nx * ny == 0 or nx * ny > MIN_POINTS_PER_POSITION * rows.shape[0] or away < MIN_CAMERA_DISTANCE * grid.size:
@@ -389,7 +440,10 @@ def unhidden_over(
 
 @array_kernel
 def coefficients_of(values: Floats, fit_first: Floats, fit_second: Floats) -> Floats:
-    """(nx, ny) Chebyshev coefficients of (nx ny,) values at the points of a grid."""
+    """(nx, ny) Chebyshev coefficients of values (nx ny,) at the points of a grid, the second coordinate running faster.
+
+    `fit_first` (nx, nx) and `fit_second` (ny, ny) are those of `HiddenGrid`.
+    """
     nx, ny = fit_first.shape[0], fit_second.shape[0]
     half, out = np.zeros((nx, ny)), np.zeros((nx, ny))
     for k in range(nx):
@@ -417,7 +471,14 @@ def left_over(coefficients: Floats) -> float:
 
 @array_kernel
 def evaluate(coefficients: Floats, first: Floats, second: Floats, rows: Ints) -> Floats:
-    """(n,) values of the polynomial at some of the positions, clipped to [0, 1]."""
+    """(n,) values of a Chebyshev polynomial at the positions `rows` (n,), clipped to [0, 1].
+
+    Args:
+        coefficients: (nx, ny).
+        first: (nx, L) polynomials of the first coordinate of L positions.
+        second: (ny, L) polynomials of the second coordinate.
+        rows: (n,) indices of the positions.
+    """
     nx, ny, L = first.shape[0], second.shape[0], first.shape[1]
     total, inner = np.zeros(L), np.empty(L)
     for k in range(nx):

@@ -19,7 +19,7 @@ MIN_VARIANCE_RATIO = 1e-12
 
 
 class Priors(NamedTuple):
-    """M priors; only polygons have corners."""
+    """M priors of occluder positions, Gaussian or (with corners) uniform over a polygon."""
 
     mean: Floats  # (M, 2)
     axis: Floats  # (M, 2) unit vector along the major axis
@@ -84,7 +84,7 @@ def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
 
 
 def no_priors() -> Priors:
-    """Empty set of priors."""
+    """Empty set of priors: there is no moving occluder."""
     return gaussian_priors(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 
@@ -110,7 +110,7 @@ def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -
 
 
 def take_priors(priors: Priors, rows: Ints) -> Priors:
-    """Select priors by rows."""
+    """Select priors by indices `rows`, as a copy."""
     corners = [priors.corners[priors.first[j] : priors.first[j + 1]] for j in rows.tolist()]
     first = np.concatenate([[0], np.cumsum([len(c) for c in corners])]).astype(np.int64)
     return Priors(

@@ -22,7 +22,12 @@ NEAREST = 1e-9
 
 
 def azimuth(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
-    """Azimuths (..., m) [rad] of positions (..., m or 1, 2) about m stations, and their gradients (..., m, 2)."""
+    """Azimuths (..., m) [rad] of positions about m stations, and their gradients by position (..., m, 2).
+
+    Args:
+        xy: (..., m, 2) one position for each station, or (..., 1, 2) one for all.
+        at: the m stations.
+    """
     away = xy - at.position
     square = np.maximum((away**2).sum(axis=-1), NEAREST)
     across = np.stack([-away[..., 1], away[..., 0]], axis=-1)

@@ -97,9 +97,19 @@ class DetectionModel(NamedTuple):
 def add_pixel(
     out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: MeasurementNoise
 ) -> None:
-    """Add `share` times the density of a reading z [px] of camera i at positions (L, 2) to `out` (L,), in place.
+    """Add the density of a horizontal pixel coordinate that a camera measured to sums over positions, in place.
 
-    [Ercan] Eq. 1 with the variance of Eq. 2; nothing is added behind the camera (d <= 0).
+    This is [Ercan] Eq. 1 with the variance of Eq. 2. Nothing is added behind the camera (d <= 0).
+
+    Args:
+        out: (L,) sums; changed.
+        xy: (L, 2) positions of the target.
+        i: index of the camera.
+        z: measurement [px], from the optical axis.
+        variance: of the reading itself [px^2]; that by the errors of the camera's pose is added.
+        share: factor of the density.
+        sensors: has positions and axes of the cameras.
+        noise: has focal lengths and the errors of the poses.
     """
     x0, y0, c, s = sensors.xy[i, 0], sensors.xy[i, 1], sensors.axis[i, 0], sensors.axis[i, 1]
     f, sigma_position, yaw2 = noise.focal_px[i], noise.sigma_position[i], noise.sigma_yaw[i] ** 2
@@ -120,9 +130,10 @@ def add_pixel(
 
 @kernel
 def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, variance: float, share: float) -> None:
-    """Add `share` times the density of a bearing [rad] from (x0, y0) at positions (L, 2) to `out` (L,), in place.
+    """Add `share` times the density of a bearing [rad] from (x0, y0) at positions `xy` (L, 2) to `out` (L,), in place.
 
-    The density is a Gaussian of the difference wrapped to [-pi, pi); sigma must be much smaller than pi.
+    The density is a Gaussian of the difference wrapped to [-pi, pi); the square root of `variance` [rad^2] must be much
+    smaller than pi.
     """
     scale = share / (ROOT_2PI * math.sqrt(variance))
     for p in range(xy.shape[0]):
@@ -133,7 +144,18 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 @kernel
 def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
-    """(L,) sum over the measurements of report k of share times density, for target positions (L, 2)."""
+    """Likelihood of one report of a scan at given target positions.
+
+    Args:
+        xy: (L, 2) positions.
+        k: index of the report.
+        scan: has the measurements of the report, their variances and shares.
+        sensors: has the position of the sensor.
+        noise: of measurements in pixels.
+
+    Returns:
+        (L,) sum over the measurements of the report of share times density.
+    """
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
     for m in range(scan.first[k], scan.first[k + 1]):
@@ -187,7 +209,7 @@ def factors(
 
 @kernel
 def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
-    """W: range of possible measurement values of report k [px or rad]."""
+    """W: range of possible measurement values of report k of the scan [px or rad]."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
     return width
@@ -340,7 +362,21 @@ def _independent(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """`log_likelihood_among` with cameras taken as independent given the position."""
+    """Log-likelihoods of a scan for target positions, with cameras taken as independent given the position.
+
+    Args:
+        xy: (L, 2) positions.
+        scan: the measurements.
+        sensors: where sensors stand and what hides things from them.
+        noise: their noise.
+        model: probabilities of detection and of false measurements.
+        free: (L,) positions where a target can be; -inf elsewhere.
+        priors: of the moving occluders.
+        occlusion: how they count.
+
+    Returns:
+        (L,) logarithms; -inf where the scan is impossible.
+    """
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     grid = make_grid(xy, free, priors, occlusion.far)
@@ -368,11 +404,19 @@ def _independent(
 def _split_by_occlusion(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> tuple[Floats, Floats, Floats, Bools]:
-    """Split a scan into factors that moving occluders cannot change and those that they can.
+    """Split a scan of n reports into factors that moving occluders cannot change and those that they can.
+
+    Args:
+        xy: (L, 2) positions.
+        scan: the reports.
+        sensors: all sensors.
+        noise: of their measurements.
+        model: detection and clutter.
+        free: (L,) positions on the floor; the others have the log-likelihood -inf.
 
     Returns:
         (L,) log-likelihoods of arrays, and of cameras that are not assigned to a position.
-        (n, L) a and (n,) b of all reports.
+        (n, L) a (factor of a camera that is not blocked) and (n,) b (of a blocked one) of all reports.
         (n, L) mask: a report's camera is assigned to a position, so that its factor is not in the first.
     """
     n, L = scan.sensor.shape[0], xy.shape[0]

@@ -78,7 +78,10 @@ class ScoreAndInformation(NamedTuple):
 
 
 def without_detours(bend: Floats) -> DistanceErrors:
-    """Errors of measurements (m,) that are Gaussian or false, without detours."""
+    """Errors of m measurements that are Gaussian or false, without detours.
+
+    `bend` (m,) are the residuals, in standard deviations, at which a measurement is as likely false as true.
+    """
     none = np.zeros(len(bend))
     return DistanceErrors(bend, none, none, np.ones(len(bend)))
 
@@ -100,7 +103,10 @@ def log_density(u: Floats, errors: DistanceErrors, variance: Floats | float = 1.
 
 
 def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
-    """(..., m) probability that measurements with residuals (..., m) are neither false nor non-line-of-sight."""
+    """(..., m) probability that measurements with residuals `u` (..., m) are neither false nor non-line-of-sight.
+
+    Residuals are in standard deviations.
+    """
     own = _log_direct(errors) - 0.5 * u**2
     others = np.broadcast_to(-0.5 * errors.bend**2, np.shape(own))
     if errors.tailed:
@@ -109,10 +115,10 @@ def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
 
 
 def score_and_information(u: Floats, errors: DistanceErrors) -> ScoreAndInformation:
-    """Score (gradient) and information of residuals (..., m), for iteratively reweighted least squares.
+    """Score (gradient) and information of residuals u (..., m), for iteratively reweighted least squares.
 
     The information is the expected curvature over the components (direct, late, false), which is nonnegative; what is
-    lost because the component is unknown is neglected, as usual.
+    lost because the component is unknown is neglected, as usual. Residuals are in standard deviations.
     """
     own = inlier_probability(u, errors)
     if not errors.tailed:
@@ -131,14 +137,20 @@ def _log_direct(errors: DistanceErrors) -> Floats:
 
 
 def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple[Floats, Floats]:
-    """Log densities, times sqrt(2 pi), of the components of late and early signals; -inf if absent."""
+    """Log densities, times sqrt(2 pi), of the components of late and early signals; -inf if absent.
+
+    Args:
+        u: (..., m) residuals in standard deviations.
+        errors: shares and rate of both components.
+        variance: of the Gaussian part, in the squared unit of u.
+    """
     with np.errstate(divide="ignore"):
         late, early = np.log(errors.late), np.log(errors.early)
     return late + _log_tail(u, errors.rate, variance), early + _log_tail(-u, errors.rate, variance)
 
 
 def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
-    """Log of sqrt(2 pi) E(u), with the given variance of the Gaussian."""
+    """Log of sqrt(2 pi) E(u), the density of a Gaussian of a variance plus an exponential of a rate."""
     root = np.sqrt(variance)
     return np.asarray(
         LOG_ROOT_2PI + np.log(rate) + 0.5 * rate**2 * variance - rate * u + log_ndtr(u / root - rate * root)
@@ -146,7 +158,10 @@ def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
 
 
 def _tail_pull(u: Floats, rate: Floats) -> tuple[Floats, Floats]:
-    """First and second derivative of -log E by u: l - h and h (h + t), with t = u - l and h = N(t) / Phi(t)."""
+    """First and second derivative of -log E by u: l - h and h (h + t), with t = u - l and h = N(t) / Phi(t).
+
+    l is `rate`; u and rate are (..., m).
+    """
     t = u - rate
     h = np.exp(-0.5 * t**2 - LOG_ROOT_2PI - log_ndtr(t))
     return rate - h, np.clip(h * (h + t), 0.0, 1.0)
@@ -177,7 +192,7 @@ class RangeMeasurements(NamedTuple):
     )
 
     def take(self, rows: Bools | Ints | slice) -> RangeMeasurements:
-        """Select measurements by a mask or indices."""
+        """Select measurements by a mask or indices; the error parameters stay."""
         own = (self.kind, self.value, self.sigma, self.position, self.rise2, self.other, self.other_rise2, self.station)
         return RangeMeasurements._make((*(column[rows] for column in own), *self[COLUMNS:]))
 
@@ -214,40 +229,53 @@ def concat(parts: list[RangeMeasurements]) -> RangeMeasurements:
 
 
 def no_measurements(bend: float, late: float = 0.0, detour: float = math.nan) -> RangeMeasurements:
-    """Empty set of measurements."""
+    """Empty set of measurements.
+
+    Args:
+        bend: residual, in standard deviations, beyond which a measurement is rather false.
+        late: share of late (non-line-of-sight) signals.
+        detour: their mean detour; NaN without them.
+    """
     none, no_position, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
     return RangeMeasurements(whole, none, none, no_position, none, no_position, none, whole, bend, late, detour)
 
 
 def linearise(rows: RangeMeasurements, xy: Floats) -> LinearisedDistances:
-    """Residuals and gradients of measurements at (L, 2) positions."""
+    """Residuals and gradients of m measurements `rows` at positions `xy` (L, 2), both in standard deviations."""
     return LinearisedDistances(*_residual(rows, xy[:, None, :]))
 
 
 def residuals(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(L, m) residuals in standard deviations at (L, 2) positions."""
+    """(L, m) residuals of m measurements, in standard deviations, at positions `xy` (L, 2)."""
     return linearise(rows, xy).residual
 
 
 def log_likelihood(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(L,) log of the product of f(r) / sigma at (L, 2) positions."""
+    """(L,) log of the product over m measurements `rows` of f(r) / sigma at positions `xy` (L, 2)."""
     each = log_density(residuals(rows, xy), rows.errors) - LOG_ROOT_2PI - np.log(rows.sigma)
     return np.asarray(each.sum(axis=1))
 
 
 def residuals_at_own_position(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (m,) of measurements, each at its own position (m, 2), and gradients (m, 2); see `linearise`."""
+    """Residuals (m,) and gradients (m, 2) of m measurements, each at its own position of `xy` (m, 2).
+
+    See `linearise`.
+    """
     return _residual(rows, xy)
 
 
 def information(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(m, 2, 2) Fisher information of each measurement about its own true position (m, 2), if it is an inlier."""
+    """(m, 2, 2) Fisher information of m measurements, if inliers, each about its own true position in `xy` (m, 2)."""
     gradient = residuals_at_own_position(rows, xy)[1]
     return np.asarray(gradient[:, :, None] * gradient[:, None, :])
 
 
 def _residual(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Normalised residuals (..., m) of measurements at positions (..., m or 1, 2), and gradients (..., m, 2)."""
+    """Residuals (..., m) and their gradients (..., m, 2), both in standard deviations, of m measurements `rows`.
+
+    `xy` are positions (..., m, 2), one for each measurement, or (..., 1, 2), one for all. The gradient is that of the
+    expected value.
+    """
     kinds = np.unique(rows.kind).tolist()
     if len(kinds) == 1:
         mean, gradient = MODELS[kinds[0]].predict(xy, rows.geometry)
@@ -283,7 +311,13 @@ def _difference(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
 
 
 def _distance(xy: Floats, position: Floats, rise2: Floats) -> tuple[Floats, Floats]:
-    """Distances (..., m) of positions from m stations, and their gradients (..., m, 2)."""
+    """Distances (..., m) of positions from m stations, and their gradients (..., m, 2).
+
+    Args:
+        xy: (..., m or 1, 2) positions.
+        position: (m, 2) stations.
+        rise2: (m,) squared differences of height.
+    """
     away = xy - position
     distance = np.sqrt(np.maximum(away[..., 0] ** 2 + away[..., 1] ** 2 + rise2, NEAREST))
     return distance, away / distance[..., None]

@@ -27,7 +27,7 @@ class MeasurementWorld(NamedTuple):
 
 
 class LinearisedRows(NamedTuple):
-    """R measurements, prepared for linearisation."""
+    """R measurements of a scan (readings and bearings) in columns, prepared for linearisation."""
 
     sensor: Ints  # (R,)
     pixel: Bools  # (R,) true: z [px], false: a bearing [rad]
@@ -36,7 +36,7 @@ class LinearisedRows(NamedTuple):
     labelled: Bools  # (R,) false: a candidate, which may be of anything
 
     def take(self, which: Bools | Ints) -> LinearisedRows:
-        """Select rows by a mask or indices."""
+        """Select rows by a mask or by indices `which`; the given ones are not changed."""
         return LinearisedRows._make(column[which] for column in self)
 
 
@@ -48,14 +48,20 @@ def rows_of(packed: PackedScan) -> LinearisedRows:
 
 
 def offsets(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R) offsets h across and d along each sensor's axis, of positions (..., 2) ([Ercan] Fig. 2)."""
+    """(..., R) offsets h across (left) and d along the axes of the rows' sensors, of positions xy (..., 2).
+
+    [Ercan] Fig. 2.
+    """
     away = xy[..., None, :] - world.sensors.xy[rows.sensor]
     c, s = world.sensors.axis[rows.sensor].T
     return c * away[..., 1] - s * away[..., 0], c * away[..., 0] + s * away[..., 1]
 
 
 def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Bools]:
-    """(L, R) noise-free measurements of positions (L, 2), and mask of possible ones (readings need d > 0)."""
+    """(L, R) noise-free measurements [px or rad] of positions `xy` (L, 2) by the sensors of R rows, and a mask (L, R).
+
+    The mask is of possible measurements: readings need d > 0.
+    """
     h, d = offsets(xy, rows, world)
     ahead = ~rows.pixel | (d > np.maximum(MIN_DEPTH_RATIO * np.abs(h), MIN_DEPTH))
     ratio = world.noise.focal_px[rows.sensor] * h / np.where(ahead & rows.pixel, d, 1.0)
@@ -65,7 +71,7 @@ def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple
 
 
 def azimuths(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(R,) azimuths of the lines of sight [rad]."""
+    """(R,) azimuths of the rows' lines of sight in the world [rad]."""
     yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
     f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
     return np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
@@ -78,9 +84,9 @@ def residuals(expected: Floats, rows: LinearisedRows) -> Floats:
 
 
 def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R, 2) derivatives of measurements by positions (..., 2), and their variances (..., R) ([Ercan] Eq. 2).
+    """(..., R, 2) derivatives of measurements by positions `xy` (..., 2), and their variances (..., R) ([Ercan] Eq. 2).
 
-    Readings need d > 0.
+    In px or rad, as the rows; readings need d > 0.
     """
     h, d = offsets(xy, rows, world)
     c, s = world.sensors.axis[rows.sensor].T
@@ -110,7 +116,7 @@ class Linearisation(NamedTuple):
     R: Floats  # (R,) variances
 
     def take(self, which: Bools | Ints) -> Linearisation:
-        """Select rows by a mask or indices."""
+        """Select measurements by a mask or indices; the position stays."""
         own = self.residual[which], self.ahead[which], self.H[which], self.R[which]
         return Linearisation(self.at, *own)
 
@@ -120,13 +126,16 @@ class Linearisation(NamedTuple):
 
 
 def linearise(at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Linearisation:
-    """Linearise measurements at a position (2,)."""
+    """Linearise the measurements of R rows at the position `at` (2,)."""
     expected, ahead = measured(at[None], rows, world)
     return Linearisation(at, residuals(expected[0], rows), ahead[0], *linearised(at, rows, world))
 
 
 def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
-    """(L, R) mask of positions (L, 2) that sensors can see: on the floor, in view, not behind walls or occluders."""
+    """(L, R) mask of positions `xy` (L, 2) that the rows' sensors can see.
+
+    They are on the floor, in view, and not behind walls or occluders.
+    """
     xy = np.ascontiguousarray(xy)
     free = on_floor(xy, world.floor.room, world.floor.walls, world.floor.starts)
     columns = [free & seen_from(xy, int(i), world.sensors) for i in rows.sensor]

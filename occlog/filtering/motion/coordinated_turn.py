@@ -104,9 +104,9 @@ def move(states: Floats, model: Floats, dt: float, root: Floats, normals: Floats
 
 @kernel
 def move_under_all(states: Floats, models: Floats, dt: float, root: Floats, normals: Floats) -> Floats:
-    """(J, L, 4) states after one step under each of the models (J, 3); see `move`.
+    """(J, L, 4) states after one step of `dt` seconds from `states` (L, 4) under each of the models (J, 3).
 
-    `normals` is (J, L, 4); `root` is common to all models, as in the thesis.
+    See `move`; `normals` is (J, L, 4), and `root` is common to all models, as in the thesis.
     """
     moved = np.empty((models.shape[0], states.shape[0], 4))
     for m in range(models.shape[0]):

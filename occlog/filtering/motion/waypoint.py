@@ -63,7 +63,7 @@ MIN_STEP_VARIANCE = 1e-18
 
 
 class WaypointParticles(NamedTuple):
-    """States of L particles."""
+    """States of L particles of the waypoint model."""
 
     xy: Floats  # (L, 2) positions
     destination: Floats  # (L, 2)
@@ -90,7 +90,10 @@ class WaypointModel(NamedTuple):
 
 @kernel
 def reached(particles: WaypointParticles, motion: WaypointModel, floor: Floor) -> Bools:
-    """(L,) mask of particles that decide as if they had reached their destination."""
+    """(L,) mask of particles that decide as if they had reached their destination.
+
+    It is within the way of `motion.reference_s`, or a step that long towards it would leave the floor.
+    """
     L = particles.speed.shape[0]
     out, ahead = np.empty(L, dtype=np.bool_), np.empty((L, 2))
     for i in range(L):
@@ -232,7 +235,18 @@ def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: Waypoi
 def held_step(
     particles: WaypointParticles, i: int, share: float, dt: float, motion: WaypointModel
 ) -> tuple[float, float]:
-    """Displacement of particle i in a share of a step, before it changes its destination; 0 in the paper's wait."""
+    """Displacement x, y of a particle in the part of a step before it changes its destination.
+
+    Args:
+        particles: states.
+        i: the particle.
+        share: of the step, 0 to 1, before the change.
+        dt: the step [s].
+        motion: parameters of the model.
+
+    Returns:
+        dx, dy; 0, 0 for one that waits as in the paper (without creeping).
+    """
     dx = particles.destination[i, 0] - particles.xy[i, 0]
     dy = particles.destination[i, 1] - particles.xy[i, 1]
     scale = 0.0
@@ -444,7 +458,15 @@ def velocities(particles: WaypointParticles) -> Floats:
 def start_particles(
     xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator
 ) -> WaypointParticles:
-    """Create particles at positions (L, 2) with random destinations and speeds |N(speed, speed_spread^2)|."""
+    """Create particles with random destinations and speeds, all in the regime `TOWARDS`.
+
+    Args:
+        xy: (L, 2) positions.
+        floor: on which destinations are uniformly distributed.
+        speed: mean of the normal distribution of which speeds are absolute values [length/s].
+        speed_spread: its standard deviation [length/s].
+        rng: generator that is used.
+    """
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))
     return WaypointParticles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))
 

@@ -41,7 +41,7 @@ def known_jump(acceleration: Floats, dt: float) -> Floats:
 
 
 def motion_noise(motion: AccelerationModel, dt: float) -> Floats:
-    """(d, 2, 2) lower Cholesky factors of the process noise of position and velocity, for each axis."""
+    """(d, 2, 2) lower Cholesky factors of the process noise of position and velocity in `dt` seconds, for each axis."""
     return np.sqrt(motion.density)[:, None, None] * acceleration_root(1.0, dt)
 
 
@@ -68,9 +68,10 @@ def moved(
 
 
 def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
-    """(2d, L) states dt >= 0 seconds earlier, without noise: the inverse of `moved` with noise density 0.
+    """(2d, L) states dt >= 0 seconds before those in `cloud` (2d, L), without noise.
 
-    It is exact for a known acceleration or a turn; with both at once it is right to first order in dt.
+    The inverse of `moved` with noise density 0: exact for a known acceleration or a turn; with both at once it is right
+    to first order in dt.
     """
     d = len(cloud) // 2
     out = drift(cloud, -dt, known_jump(motion.acceleration, -dt), np.zeros((d, 2, 2)), np.empty((2 * d, 0)))
@@ -122,7 +123,16 @@ def drift(cloud: Floats, dt: float, jump: Floats, root: Floats, normals: Floats)
 
 @kernel
 def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float) -> None:
-    """Add to `out` what a coordinated turn (Eq. 2.14) changes relative to constant velocity, on the axes i and j."""
+    """Add to `out` what a coordinated turn (Eq. 2.14) changes relative to constant velocity, on the axes i and j.
+
+    Args:
+        out: (2d, L) states after the step, in place.
+        before: (2d, L) states before it, d positions and d velocities.
+        lateral: acceleration across the velocity, > 0 from axis i towards axis j.
+        i: first axis of the plane of the turn.
+        j: second axis.
+        dt: time [s].
+    """
     d = before.shape[0] // 2
     for l in range(before.shape[1]):  # noqa: E741
         vi, vj = before[d + i, l], before[d + j, l]
@@ -136,7 +146,13 @@ def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float
 
 
 def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
-    """(4,) change of (a, b, va, vb) by a turn with known velocity (2,), in addition to that of constant velocity."""
+    """(4,) change of (a, b, va, vb) by a turn with known velocity (2,), in addition to that of constant velocity.
+
+    Args:
+        velocity: (va, vb) before the turn.
+        lateral: acceleration across the velocity, > 0: from a towards b.
+        dt: time [s].
+    """
     out, before = np.zeros((4, 1)), np.concatenate([np.zeros(2), velocity])[:, None]
     _turn(out, before, lateral, 0, 1, dt)
     return out[:, 0]
@@ -171,7 +187,7 @@ def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
     Args:
         walkers: M objects.
         dt: (M,) or one time, >= 0.
-        q: strength of the disturbance, as above; >= 0.
+        q: standard deviation of the change of velocity per axis in a unit of time, >= 0 (Q: see the module).
     """
     t = np.broadcast_to(np.asarray(dt, dtype=np.float64), (len(walkers.xy),))[:, None, None]
     q2 = q**2 * np.eye(2)
@@ -211,10 +227,10 @@ def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
 
 
 def select(walkers: Walkers, rows: object) -> Walkers:
-    """Select objects by a mask or indices."""
+    """Select rows of `walkers` by a mask or by indices `rows`; the given ones are not changed."""
     return Walkers(*(column[rows] for column in walkers))  # type: ignore[call-overload]
 
 
 def concat(first: Walkers, second: Walkers) -> Walkers:
-    """Concatenate objects."""
+    """Concatenate the objects of `first` and `second`, in this order."""
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))

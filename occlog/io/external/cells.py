@@ -93,7 +93,10 @@ class TextCells:
         return np.asarray([plain_text(text) for text in texts.tolist()], np.str_) if marked.any() else texts
 
     def lists(self, name: str, width: int) -> Floats:
-        """InputError: a text cell holds a single value."""
+        """Raise InputError, since a text cell holds a single value.
+
+        `name` is that of the column, `width` the number of values that it needs.
+        """
         numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
         raise InputError(
             f"{self._rows.path}: column {name} requires lists of {numbers}, which text does not hold",
@@ -105,7 +108,7 @@ class TextCells:
         return _yes_or_no(self, name, self._rows.cells[name])
 
     def times(self, name: str, unit: str) -> Ints:
-        """Return the (n,) times of a column [ns since the Unix epoch]."""
+        """Return the (n,) times of the column `name` [ns since the Unix epoch]; `unit` is that of its numbers."""
         return parse_times(self._rows, name, unit)
 
     def steps(self, name: str) -> Floats:
@@ -268,7 +271,10 @@ class ArrowCells:
         return _yes_or_no(self, name, to_texts(column, f"{self._path}: column {name}", MAX_CELL))
 
     def times(self, name: str, unit: str) -> Ints:
-        """(n,) times [ns since the Unix epoch] from timestamps, integers, fractions of a second, or texts."""
+        """(n,) times [ns since the Unix epoch] from timestamps, integers, fractions of a second, or texts.
+
+        `unit` is that of numbers; InputError for nulls, dates, and times of a day.
+        """
         column = self._column(name)
         if column.null_count:
             raise self.fail(_first_null(column), f"{name} is null; a time was expected")
@@ -308,7 +314,10 @@ class ArrowCells:
             raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}", id="time-out-of-range")
 
     def _check_steps(self, name: str, unit: str) -> None:
-        """InputError for times in floats of insufficient precision: since 1970, float32 resolves 128 s only."""
+        """InputError for times in floats of insufficient precision: since 1970, float32 resolves 128 s only.
+
+        `unit` is that of the column's numbers.
+        """
         steps = self.steps(name) * UNITS[unit]
         if (steps > COARSEST_NS).any():
             row = int(np.flatnonzero(steps > COARSEST_NS)[0])

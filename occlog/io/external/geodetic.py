@@ -43,7 +43,7 @@ class GeodeticColumns(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns used."""
+        """Names of the file's columns that positions are computed from."""
         return [name for name in self[:3] if name]
 
     def replaced(self, names: Sequence[str]) -> tuple[str, ...]:
@@ -52,13 +52,13 @@ class GeodeticColumns(NamedTuple):
         return tuple(ours.get(name, name) if name else name for name in names)
 
     def read(self, names: Sequence[str]) -> list[str]:
-        """File columns needed to compute some table columns."""
+        """Columns of the file that are needed for the table columns `names`."""
         own = [name for name in names if name not in POSITION]
         return [*own, *(name for name in self.names if name not in own)] if len(own) < len(names) else own
 
 
 def geodetic_columns(names: Sequence[str]) -> GeodeticColumns | None:
-    """Geodetic columns of a table; None if missing, or if the table has positions in the scene.
+    """Geodetic columns of a table with the columns `names`; None if missing, or if it has positions in the scene.
 
     Heights are used only if the origin states its own height.
     """
@@ -78,7 +78,7 @@ class GeodeticCells:
     """Cells of a table with geodetic positions."""
 
     def __init__(self, path: Path, cells: TableCells, columns: GeodeticColumns) -> None:
-        """Take the cells of a file."""
+        """Wrap the cells of a file with latitudes and longitudes in `columns`."""
         self._path, self._cells, self._columns = path, cells, columns
         self._xyz: Floats | None = None
 
@@ -87,7 +87,10 @@ class GeodeticCells:
         return len(self._cells)
 
     def floats(self, name: str, *, blank: bool) -> Floats:
-        """(n,) numbers; geodetic positions are converted to the scene [m]."""
+        """(n,) numbers of the column `name`; x, y and z are converted from geodetic positions to the scene [m].
+
+        `blank`: empty cells are NaN rather than an error.
+        """
         if name not in POSITION:
             return self._cells.floats(name, blank=blank)
         if self._xyz is None:
@@ -125,7 +128,7 @@ class GeodeticCells:
         return self._cells.bools(name)
 
     def times(self, name: str, unit: str) -> Ints:
-        """Return the (n,) times of a column [ns since the Unix epoch]."""
+        """Return the (n,) times of the column `name` [ns since the Unix epoch]; `unit` is that of its numbers."""
         return self._cells.times(name, unit)
 
     def raw(self, name: str) -> list[object]:

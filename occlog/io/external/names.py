@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.input_units import STATED
 from occlog.io.files.timing.times import TIME_COLUMNS, UNITS
 from occlog.io.formats.boxes.columns import COLUMNS as BOXES
@@ -189,7 +189,7 @@ class TableLayout(NamedTuple):
 
 
 def frame_column(names: Sequence[str]) -> str | None:
-    """Column of frame numbers in a file without times; None if missing, or if the file has times."""
+    """Column of frame numbers among the columns `names` of a file; None if missing, or if the file has times."""
     there = {plain_name(name): name for name in reversed(names)}
     if any(name in there for known in TIME_COLUMNS.values() for name in known):
         return None
@@ -197,7 +197,7 @@ def frame_column(names: Sequence[str]) -> str | None:
 
 
 def is_in_time(names: Sequence[str]) -> bool:
-    """Whether a file has a column of times or of frame numbers."""
+    """Whether a file with the columns `names` has times or frame numbers."""
     there = {plain_name(name) for name in names}
     return not there.isdisjoint({*BOXES["frame"], *(name for known in TIME_COLUMNS.values() for name in known)})
 
@@ -317,7 +317,10 @@ def describe_missing(layout: TableLayout, names: Sequence[str]) -> str:
 
 
 def misspelled(layout: TableLayout, names: Sequence[str]) -> str | None:
-    """Message about an unused column with a name similar to that of a missing one; None if there is none."""
+    """Message about an unused column with a name similar to that of a missing one; None if there is none.
+
+    `names` are those of all columns of the file.
+    """
     there = {s.column.name for s in layout.columns}
     absent = [c for c in layout.table.columns() if c.name not in there]
     known = {name: c.name for c in absent for name in spellings(c, layout.table) if len(name) > 3}
@@ -393,7 +396,7 @@ def _check_angles(layout: TableLayout, there: Mapping[str, str]) -> None:
         if s.column.unit == "rad" and not s.unit and stated:
             raise InputError(
                 f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad, "
-                "or give its input unit",
+                f"or give {option('input_units')} {s.name}=deg",
                 id="missing-unit",
             )
         if _is_time_difference(s.column) and not s.unit and TIME not in there:

@@ -98,7 +98,7 @@ class _Table:
         return self._at + offset if offset else 0
 
     def number(self, field: int, form: str) -> int:
-        """Number in a field; 0 if missing."""
+        """Number in a field (by its index), of the layout `form` (`struct`); 0 if missing."""
         index = self._offset_of(field)
         return int(self._number(form, index)) if index else 0
 
@@ -108,7 +108,10 @@ class _Table:
         return _Table(self._data, index + self._number("<I", index)) if index else None
 
     def structs(self, field: int, form: str) -> list[tuple[int, ...]]:
-        """Entries of a vector of structs."""
+        """Entries of a vector of structs; empty if missing, ValueError if it is longer than the header.
+
+        `field` is its number, `form` the layout of one entry (`struct`).
+        """
         index = self._offset_of(field)
         if not index:
             return []
@@ -230,7 +233,7 @@ class ColumnSource(NamedTuple):
         return total
 
     def cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """Generate the cells of some columns, in parts, in file order."""
+        """Generate the cells of the columns `names`, in parts, in file order."""
         if self.geodetic is None:
             yield from self._plain_cells(names)
             return
@@ -238,7 +241,7 @@ class ColumnSource(NamedTuple):
             yield GeodeticCells(self.path, cells, self.geodetic)
 
     def _plain_cells(self, names: Sequence[str]) -> Iterator[TableCells]:
-        """Generate the cells of some columns as stored in the file."""
+        """Generate the cells of the columns `names` as stored in the file, in parts."""
         if self.trajectories is not None:
             yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
             return
@@ -303,7 +306,7 @@ def _values_of_folders(folder: Path, part: Path) -> dict[str, str]:
 
 
 def _with_constants(batch: pa.RecordBatch, values: Mapping[str, str]) -> pa.RecordBatch:
-    """Add constant columns to a batch, as integers if the value is one."""
+    """Return a batch with constant columns added (`values` by name), as integers if the value is one."""
     for name, text in values.items():
         value: int | str = int(text) if _WHOLE.fullmatch(text) else text
         batch = batch.append_column(name, pa.array([value] * batch.num_rows))
@@ -388,7 +391,7 @@ def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatch
 
 
 def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch]:
-    """Generate batches of some columns, with at most `ROWS` rows."""
+    """Generate batches of the columns `names`, with at most `ROWS` rows; `kind` is `Parquet` or `Arrow`."""
     if kind == "Parquet":
         with open_parquet(path) as file:
             found = (_validated(batch) for batch in batches(file, ROWS, names))
@@ -427,7 +430,7 @@ def _check_messages(path: Path) -> None:
 
 @contextmanager
 def _translated(path: Path, kind: str) -> Iterator[None]:
-    """Context manager that converts every failure of the library to InputError."""
+    """Context manager that converts every failure of the library to InputError; `kind` is `Parquet` or `Arrow`."""
     try:
         yield
     except InputError:

@@ -96,7 +96,10 @@ class ForeignTable:
         return _lay_out(self.source, table)
 
     def convert_to(self, length_unit: str) -> None:
-        """Convert lengths to another unit, if the file states its own; InputError for a unit that is not a length."""
+        """Convert lengths to `length_unit` when rows are read, if the file states its own unit.
+
+        InputError for a unit that is not a length.
+        """
         own = self.layout.length_unit
         if own is None or own == length_unit:
             return
@@ -150,7 +153,7 @@ class ForeignTable:
             yield held
 
     def _check_held(self, parts: Iterable[Values]) -> None:
-        """InputError if rows held for sorting need more memory than allowed for a file of its size."""
+        """InputError if rows held for sorting (`parts`) need more memory than allowed for a file of its size."""
         size, held = self.source.size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
@@ -217,7 +220,19 @@ class ForeignTable:
         return list(zip(*columns, strict=True)) if names else [()] * len(cells)
 
     def _values(self, cells: TableCells, s: Spelling, layout: TableLayout) -> NDArray[np.generic]:
-        """Values of a column in the table's unit."""
+        """Values of one column of a table, converted to the unit of the table's own column.
+
+        Args:
+            cells: rows of the file.
+            s: column, and the name and unit that it has in the file.
+            layout: of the table, which decides what stands for empty cells.
+
+        Returns:
+            (n,), or (n, width) of a column of lists.
+
+        Raises:
+            InputError: a value is missing, out of range, or so large that it must be in another unit.
+        """
         c = s.column
         if c.name == TIME:
             return _times(cells, s)
@@ -256,7 +271,7 @@ class ForeignTable:
 
 
 def _times(cells: TableCells, s: Spelling) -> Ints:
-    """(n,) times [ns] from a column of times, or of frame numbers with a frame rate."""
+    """(n,) times [ns] from a column of times, or of frame numbers with a frame rate; `s` is the column's spelling."""
     if s.fps is None:
         return cells.times(s.name, s.time_unit)
     frames = cells.ints(s.name, blank=None)
@@ -320,13 +335,16 @@ def _lay_out(source: ColumnSource, table: type[ColumnTable]) -> TableLayout:
 
 
 def _is_vague(layout: TableLayout, names: Sequence[str]) -> bool:
-    """Whether no used column refers to readers or tags although unused columns remain (an ambiguous match)."""
+    """Whether no used column refers to readers or tags although unused columns remain (an ambiguous match).
+
+    `names` are those of all columns of the file.
+    """
     used = {plain_name(s.name) for s in layout.columns}
     return len(names) > len(used) and not used & OF_READS
 
 
 def check_fits(source: ColumnSource, layout: TableLayout) -> None:
-    """InputError if a table lacks required columns, or has a column with a name similar to one of them."""
+    """InputError if a table lacks columns that the layout requires, or has one with a name similar to one of them."""
     if layout.missing and (nested := [n for n in source.nested if n not in layout.names]):
         raise InputError(
             f"{source.path}: column {nested[0]} has several values in a row, and {', '.join(layout.missing)} of "
@@ -350,11 +368,16 @@ class _FrameCount:
     """Numbers the frames of each sensor by their times, in the order of time."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Start without frames: each sensor begins with frame 0."""
         self._known: dict[str, int] = {}
 
     def number(self, t_ns: Ints, sensor: Strings) -> Ints:
-        """(n,) frame numbers of rows; rows of one time must be in one call."""
+        """(n,) frame numbers of rows, counted from 0 for each sensor; rows of one time must be in one call.
+
+        Args:
+            t_ns: (n,) times [ns], not before those of the last call.
+            sensor: (n,) names.
+        """
         out = np.zeros(len(t_ns), dtype=np.int64)
         for name in np.unique(sensor).tolist():
             own = np.flatnonzero(sensor == name)
@@ -406,7 +429,13 @@ def _number_boxes(values: Values) -> Ints:
 
 
 def _check(cells: TableCells, values: Mapping[str, NDArray[np.generic]], layout: TableLayout) -> None:
-    """InputError with the position of a cell with a value outside its range."""
+    """InputError, with the position of the cell, for a value outside its range.
+
+    Args:
+        cells: for the position.
+        values: (n,) by column.
+        layout: spelling and unit of the columns.
+    """
     spelled = {s.column.name: s for s in layout.columns}
 
     def refuse(name: str, wrong: Callable[[Floats], Bools], limit: str) -> None:
@@ -447,7 +476,10 @@ def _check_far_edge(cells: TableCells, s: Spelling, sizes: Floats, near: Floats)
 
 
 def _check_steps(cells: TableCells, s: Spelling) -> None:
-    """InputError for lengths in floats of insufficient precision, such as float32 for northings of 5,000,000 m."""
+    """InputError for lengths in floats of insufficient precision, such as float32 for northings of 5,000,000 m.
+
+    `s` is the column's spelling.
+    """
     steps, unit = cells.steps(s.name), s.unit if s.unit in METRES else ""
     text = f" {unit} only, and {COARSEST / METRES[unit]:g} {unit}" if unit else f" only, and {COARSEST}"
     bad = steps * (METRES[unit] if unit else 1.0) > COARSEST
@@ -462,7 +494,14 @@ def _refuse(cells: TableCells, values: Floats, bad: Bools, before: str, after: s
 
 
 def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
-    """Create the table; InputError for a repeated identity at one time, or inconsistent values."""
+    """Create the table; InputError for a repeated identity at one time, or inconsistent values.
+
+    Args:
+        source: for messages.
+        table: type of the table.
+        values: (n,) by column, sorted by the table's key.
+        row: (n,) row of the file that each is from.
+    """
     if table.ONCE:
         same = np.ones(max(len(row) - 1, 0), dtype=np.bool_)
         for name in table.KEY:
@@ -483,7 +522,7 @@ def _as_table(source: ColumnSource, table: type[T], values: Values, row: NDArray
 
 
 def _check_copies(source: ColumnSource, made: ColumnTable, row: NDArray[np.generic]) -> None:
-    """InputError for a duplicate row."""
+    """InputError for a duplicate row of the table `made`; `row` (n,) has the row of the file that each is from."""
     # Boxes were numbered here, so that copies differ in their numbers
     copies, _ = repeated_rows(made, "box" if isinstance(made, Boxes) else "")
     if copies.any():

@@ -99,11 +99,18 @@ class OutputGroup:
     """
 
     def __init__(self) -> None:
-        """Start without outputs."""
+        """Start a group without outputs."""
         self._waiting: list[_Complete] = []
 
     def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:
-        """Keep a complete file until all of the group are."""
+        """Keep a complete file until all of the group are.
+
+        Args:
+            fd: open file, which is duplicated.
+            name: its temporary name; None: it has none.
+            path: target.
+            overwrite: replace an existing target.
+        """
         self._waiting.append(_Complete(os.dup(fd), name, path, overwrite))
 
     def __enter__(self) -> Self:
@@ -207,7 +214,7 @@ def _kept_aside(path: Path) -> bool:
 
 
 def _put_back(path: Path, *, existed: bool) -> None:
-    """Restore the previous file after an error."""
+    """Restore the previous file after an error; `existed`: there was one, otherwise the new file is removed."""
     with suppress(OSError):
         if existed:
             _aside(path).replace(path)
@@ -217,7 +224,7 @@ def _put_back(path: Path, *, existed: bool) -> None:
 
 
 def write_bytes(path: Path, data: bytes, overwrite: bool = False) -> None:
-    """Write a small file atomically."""
+    """Write a small file atomically; OutputExistsError if it exists and `overwrite` is False."""
     with open_output(path, overwrite) as file:
         file.write(data)
 
@@ -263,7 +270,10 @@ def _check_absent(path: Path, overwrite: bool) -> None:
 
 
 def _name(fd: int, name: Path | None, path: Path) -> None:
-    """Rename the complete file to the target in one step."""
+    """Rename the complete file to the target `path` in one step.
+
+    `fd` is the open file, `name` its temporary name; None: it has none.
+    """
     if name is None:
         # A nameless file can only be linked to a new name, so it passes through a hidden one.
         name = _partial_name(path, os.getpid())
@@ -331,7 +341,10 @@ def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None
 
 
 def _locked(descriptor: int) -> bool:
-    """Lock a file unless another process has locked it; also true on file systems without locks."""
+    """Lock an open file (`descriptor`); False if another process has locked it.
+
+    True also on file systems without locks.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -46,7 +46,7 @@ class StatedOrigin:
     """The origin that the user states, and whether any input used it."""
 
     def __init__(self, origin: Origin) -> None:
-        """Start as unused."""
+        """Wrap the origin that the user states, which is not used so far."""
         self.origin = origin
         self.used = False
 
@@ -162,7 +162,10 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
 
 
 def _cosine(degrees: Floats, origin: Origin) -> Floats:
-    """(N,) cosine of the central angle between positions and the origin, on a sphere."""
+    """(N,) cosine of the central angle between the origin and positions, on a sphere.
+
+    `degrees` (N, 2) are longitude and latitude [deg].
+    """
     phi, away = np.radians(degrees[:, 1]), np.radians(degrees[:, 0] - origin.longitude)
     own = math.radians(origin.latitude)
     return np.asarray(np.sin(phi) * math.sin(own) + np.cos(phi) * math.cos(own) * np.cos(away))
@@ -186,7 +189,13 @@ def scene_of_earth(degrees: Floats, heights: Floats, origin: Origin) -> Floats:
 
 
 def _earth_centred(phi: Floats, away: Floats, heights: Floats) -> Floats:
-    """(N, 3) earth-centred coordinates [m] of latitudes and longitudes [rad]; x in the meridian of longitude 0."""
+    """(N, 3) earth-centred coordinates [m] of positions on the earth; x in the meridian of longitude 0.
+
+    Args:
+        phi: (N,) latitudes [rad].
+        away: (N,) longitudes [rad].
+        heights: (N,) above the ellipsoid [m].
+    """
     radius = A / np.sqrt(1.0 - E2 * np.sin(phi) ** 2)
     across = (radius + heights) * np.cos(phi)
     along = (radius * (1.0 - E2) + heights) * np.sin(phi)
@@ -201,7 +210,7 @@ def _turned(east: Floats, north: Floats, turned: float, *up: Floats) -> Floats:
 
 
 def degrees_of(xy: Floats, origin: Origin) -> Floats:
-    """(N, 2) longitude and latitude [deg] of scene positions (N, 2) [m] in the tangent plane at an origin."""
+    """(N, 2) longitude and latitude [deg] of scene positions `xy` (N, 2) [m] in the tangent plane at an origin."""
     turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
     east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
     north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]

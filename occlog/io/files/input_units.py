@@ -39,7 +39,7 @@ class StatedUnits:
     used: set[str] = field(default_factory=set)
 
     def texts(self) -> tuple[str, ...]:
-        """All stated units as given."""
+        """All stated units, as the user gave them."""
         return (
             *(_text(file, f"{name}={unit}") for (file, name), unit in self.columns.items()),
             *(_text(file, unit) for (file, _), unit in self.kinds.items()),
@@ -74,7 +74,14 @@ class StatedUnits:
         return stated
 
     def note_use(self, name: str, kind: str, by_name: str, path: Path | None = None) -> None:
-        """Record that a table has such a column."""
+        """Record that the table at `path` has a column for which the user may have stated a unit.
+
+        Args:
+            name: of the column.
+            kind: its quantity: `time`, `interval`, `angle` or `length`; else empty.
+            by_name: unit in its name; empty: none.
+            path: file of the table.
+        """
         found, of_kind = _find(self.columns, path, name.strip().lower()), _find(self.kinds, path, kind)
         if found is not None:
             self.used.add(_text(found[0], f"{found[1]}={self.columns[found]}"))
@@ -87,7 +94,7 @@ class StatedUnits:
 
 
 def _text(file: str, unit: str) -> str:
-    """A stated unit in the syntax of the option."""
+    """A stated unit in the syntax of the option; `file` is the file for which it is stated, empty: all."""
     return f"{file}:{unit}" if file else unit
 
 

@@ -16,7 +16,7 @@ from occlog.records.verdicts import Verdict
 
 
 def hash_inputs(paths: Iterable[Path]) -> InputDigests:
-    """Name and SHA-256 of each file, and the verdicts stored in the files.
+    """Name and SHA-256 of each of the files, and the verdicts stored in them.
 
     Names exclude folders, so that outputs do not depend on where files are.
     """
@@ -26,7 +26,7 @@ def hash_inputs(paths: Iterable[Path]) -> InputDigests:
 
 
 def previous_losses(paths: Iterable[Path]) -> tuple[Loss, ...]:
-    """Losses recorded in the provenance of input tables, recordings and JSON files, without duplicates."""
+    """Losses recorded in the provenance of input files (tables, recordings and JSON), without duplicates."""
     found: dict[Loss, None] = {}
     for path in paths:
         made = _provenance_of(path)

@@ -32,7 +32,10 @@ _KINDS = {
 
 
 def check_regular(path: Path, mode: int, what: str) -> None:
-    """InputError unless the mode is of a regular file: a pipe blocks, and can be read only once."""
+    """InputError unless `mode` (of `stat`) is that of a regular file: a pipe blocks, and can be read only once.
+
+    `what` describes what was expected.
+    """
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "no file")
         raise InputError(
@@ -122,17 +125,17 @@ ODAS_BY_INGEST = (
 
 
 def is_skipped_zstd(head: bytes) -> bool:
-    """Whether data begin with a skippable zstd frame (metadata)."""
+    """Whether data that begin with `head` begin with a skippable zstd frame (metadata)."""
     return head[1:4] == b"\x2a\x4d\x18" and head[0] & 0xF0 == 0x50
 
 
 def is_zstd(head: bytes) -> bool:
-    """Whether data begin with a zstd frame."""
+    """Whether data that begin with `head` begin with a zstd frame."""
     return head.startswith(ZSTD_MAGIC) or is_skipped_zstd(head)
 
 
 def is_odas(head: bytes) -> bool:
-    """Whether the first bytes are those of an ODAS stream."""
+    """Whether `head`, the first bytes of a file, are those of an ODAS stream."""
     return head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS)
 
 
@@ -233,7 +236,7 @@ def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
 
 
 def check_text(value: str, where: Path | str) -> None:
-    """InputError for a text with a lone surrogate, which cannot be encoded."""
+    """InputError for a text with a lone surrogate, which cannot be encoded; `where` is its position for messages."""
     try:
         value.encode()
     except UnicodeEncodeError as error:
@@ -256,14 +259,20 @@ def max_decompressed_bytes(size: int) -> int:
 
 
 def exceeded_limit(size: int, rows: int, unpacked: int) -> str:
-    """Name of the limit that a file of `size` bytes exceeds: rows, or decompressed bytes of a group; empty if none."""
+    """Description of the limit that a file of `size` bytes exceeds: rows, or decompressed bytes of a group.
+
+    Empty if it exceeds none. `rows` and `unpacked` are what it declares.
+    """
     if rows > max(FREE_ROWS, MAX_ROWS_PER_BYTE * size):
         return f"{rows} rows"
     return f"{unpacked} bytes at once" if unpacked > max_decompressed_bytes(size) else ""
 
 
 def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None:
-    """InputError for a file of `size` bytes that declares more content than such a file can hold."""
+    """InputError for a file of `size` bytes that declares more content than such a file can hold.
+
+    `rows` is the declared number of rows, `unpacked` that of decompressed bytes.
+    """
     if fault := exceeded_limit(size, rows, unpacked):
         raise InputError(
             f"{path}: promises {fault} in a file of {size} bytes; measurements do not pack so densely",

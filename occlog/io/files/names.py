@@ -55,10 +55,11 @@ def check_output_name(path: Path, ending: str) -> None:
 
 
 def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:
-    """The name in use that a file means by `given`.
+    """Return the name, of those in use (`names`), that a file means by `given`.
 
     It is the equal name, or else the only one with the same last number: `2`,
-    `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states the kind of thing named.
+    `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states the kind of thing named,
+    `where` the file.
     """
     if given in names:
         return given
@@ -100,7 +101,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def natural_sorted(names: Iterable[str]) -> list[str]:
-    """Names sorted in natural order (`natural_key`)."""
+    """Return names sorted in natural order (`natural_key`)."""
     return sorted(names, key=lambda name: (natural_key(name), name))
 
 

@@ -54,7 +54,7 @@ CODE_PATHS = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NPY_
 
 
 def processor_type() -> str:
-    """Processor type as named by the kernel compiler, and environment variables that select code for another type.
+    """Processor type as LLVM (Numba) names it, and all set environment variables that select code for another type.
 
     Libraries have code for each type with another order of summation, so that the last digits of results differ.
     """
@@ -87,7 +87,7 @@ class InputDigests(tuple[tuple[str, str], ...]):
 
     @classmethod
     def of(cls, files: Iterable[tuple[str, str]], verdicts: Iterable[Verdict]) -> InputDigests:
-        """Compute the digests of files; each verdict is kept once."""
+        """Create the digests of files, given by name and SHA-256; each verdict is kept once."""
         made = cls(files)
         made.verdicts = distinct(verdicts)
         return made
@@ -148,7 +148,7 @@ class Provenance:
         return replace(self, verdicts=distinct((*self.judged, Verdict.of(self.command, checks))))
 
     def as_dict(self) -> dict[str, object]:
-        """Provenance as JSON-compatible values."""
+        """Return the provenance as JSON-compatible values."""
         return {
             "program": "occlog",
             "version": self.version,
@@ -202,7 +202,7 @@ def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
 
 
 def verdicts_in(raw: Mapping[str, object]) -> tuple[Verdict, ...]:
-    """Parse the verdicts in the values of a provenance; ValueError if damaged."""
+    """Parse the verdicts in `raw`, the values of a provenance; ValueError if damaged."""
     return msgspec.convert(raw.get("verdicts", []), tuple[Verdict, ...])
 
 

@@ -52,7 +52,7 @@ class Blocks:
         """Number of blocks, once `end` was called."""
 
     def __del__(self) -> None:
-        """Close the file."""
+        """Close the temporary file."""
         if self._file is not None:
             self._file.close()
 
@@ -77,7 +77,7 @@ class Blocks:
         self._open, self._rows = [], 0
 
     def put(self, number: int, rows: Records) -> None:
-        """Write or replace a block; all blocks but the last have the same length."""
+        """Write or replace block `number` by a copy of `rows`; all blocks but the last have the same length."""
         if self._file is None:
             self._kept[number] = rows.copy()
             if sum(each.nbytes for each in self._kept.values()) <= self._in_memory:
@@ -97,7 +97,7 @@ class Blocks:
         file.write(rows.tobytes())
 
     def get(self, number: int) -> Records:
-        """Read a block."""
+        """Read block `number`, as a view of memory or a copy from the file."""
         if self._file is None:
             return self._kept[number]
         self._file.seek(number * self._block * self._record.itemsize)
@@ -133,12 +133,12 @@ class Spool:
         self._kept = 0
 
     def __del__(self) -> None:
-        """Close the file."""
+        """Close the temporary file."""
         if self._file is not None:
             self._file.close()
 
     def add(self, values: Floats) -> None:
-        """Add numbers; OutputError if the folder for temporary files is full."""
+        """Add a copy of values (n,); OutputError if the folder for temporary files is full."""
         self.count += len(values)
         self._parts.append(np.array(values, dtype=np.float64))
         self._kept += len(values)
@@ -160,7 +160,7 @@ class Spool:
         return self._parts[0]
 
     def blocks(self) -> Iterator[Floats]:
-        """Generate all numbers in parts."""
+        """Generate all numbers added, in order, in arrays of limited length."""
         if self._file is not None:
             self._file.seek(0)
             while data := self._file.read(8 * NUMBERS_PER_BLOCK):
@@ -192,7 +192,7 @@ class SpilledTable(Generic[T]):
         """Number of rows, once all were read."""
 
     def __del__(self) -> None:
-        """Close the file."""
+        """Close the temporary file."""
         if self._file is not None:
             self._file.close()
 

@@ -28,7 +28,7 @@ CLIMB_RATIO, CLIMB_M = 20.0, 1.0
 
 
 def looks_like_kitti(head: Sequence[str]) -> bool:
-    """Whether a first line has twelve numbers with a rotation in the first three columns of three rows."""
+    """Whether the cells of a first line (`head`) are twelve numbers, three rows that begin with those of a rotation."""
     if len(head) != COLUMNS:
         return False
     try:

@@ -101,7 +101,7 @@ class PositionOptions:
 
 
 class PositionLog(NamedTuple):
-    """Positions read from a file."""
+    """Positions read from a file, and what was skipped."""
 
     table: Positions
     sources: tuple[str, ...]
@@ -243,7 +243,10 @@ def _with_header(part: TextPart, options: PositionOptions) -> _Rows:
 
 
 def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
-    """Rows of MVDet's and MVDeTr's text: frame, x, y, and optionally a score."""
+    """Generate rows of MVDet's and MVDeTr's text: frame, x, y, and optionally a score.
+
+    UsageError for cells of a grid if the options have no grid.
+    """
     for rows in read_plain(path, WHAT):
         if len(rows.cells) not in (3, 4):
             raise InputError(
@@ -274,7 +277,7 @@ def _without_header(path: Path, options: PositionOptions) -> Iterator[_Rows]:
 
 
 def _in_lengths(position: Floats, grid: PositionGrid | None) -> Floats:
-    """Convert (n, 2) cell indices to positions; without a grid they are positions already."""
+    """Convert cell indices (n, 2) of a grid to positions (n, 2); without a grid they are positions already."""
     return position if grid is None else np.array([grid.x, grid.y]) + grid.cell * position
 
 
@@ -319,7 +322,10 @@ def _covariances(part: TextPart) -> Floats:
 
 
 def _scores(rows: CsvRows, values: Floats, options: PositionOptions) -> Floats:
-    """(n,) confidences from 0 to 1; NaN if missing."""
+    """(n,) confidences from 0 to 1, converted as the options state; NaN if missing, InputError outside 0 to 1.
+
+    `values` (n,) are those of the file.
+    """
     if options.scores == "unknown":
         return np.full(len(values), np.nan)
     out = values / options.scale
@@ -351,7 +357,7 @@ def _frame_step(frame: Ints) -> int:
 
 
 def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
-    """Add times to rows by their frame numbers."""
+    """Add times to rows by their frame numbers; InputError for a frame before the first number."""
     if (rows.frame < 0).any():
         row = int(np.flatnonzero(rows.frame < 0)[0])
         raise InputError(
@@ -420,7 +426,10 @@ def _table(rows: _Rows, options: PositionOptions, step: int) -> Positions:
 
 
 def _empty_frames(rows: _Rows, source: str, options: PositionOptions, step: int) -> Positions:
-    """Rows for the frames of a source without positions between its first and last one."""
+    """Rows for the frames of a source without positions between its first and last one.
+
+    Frames are `step` apart if the source has too few to tell.
+    """
     there = np.unique(rows.frame[rows.sensor == source])
     step = _frame_step(there) if len(there) > MIN_FRAME_STEPS else step
     missing = np.setdiff1d(np.arange(there[0], there[-1] + 1, step), there)

@@ -144,7 +144,7 @@ def read_reads(
 
 
 def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
-    """InputError, with the line, for a reader missing in the scene."""
+    """InputError, with the line, for a reader missing in the scene, which has `readers`."""
     unknown = np.flatnonzero(~np.isin(rows.cells["reader"], list(readers)))
     if not len(unknown):
         return
@@ -155,7 +155,7 @@ def _check_readers(rows: CsvRows, readers: Sequence[str]) -> None:
 
 
 def _world_times(t_ns: Ints, sensor: Strings, clocks: Mapping[str, Clock]) -> Ints:
-    """(n,) world times [ns] of the reads."""
+    """(n,) world times [ns] of reads at `t_ns` (n,) by the clocks of their sensors (n,)."""
     out = t_ns.copy()
     for name, clock in clocks.items():
         mine = np.flatnonzero(sensor == name)
@@ -173,7 +173,14 @@ def _targets(tag: Strings) -> dict[str, int]:
 
 
 def _without_doubles(t_ns: Ints, sensor: Strings, tag: Strings, rssi: np.ndarray) -> tuple[Ints, int]:
-    """Sort rows by the table's key and remove duplicates; return the rows and the number removed."""
+    """Return the rows sorted by the table's key, without duplicates, as indices; and the number of duplicates.
+
+    Args:
+        t_ns: (n,) times [ns].
+        sensor: (n,) names of the readers.
+        tag: (n,) names of the tags.
+        rssi: (n,) signal strengths; NaN: none.
+    """
     order = np.lexsort((rssi, tag, sensor, t_ns))
     a, b = order[:-1], order[1:]
     alike = (rssi[a] == rssi[b]) | (np.isnan(rssi[a]) & np.isnan(rssi[b]))

@@ -81,7 +81,7 @@ def _origin(path: Path, value: object) -> Origin:
 
 
 def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], Floats]:
-    """Identity, times, and (n, 2) longitude and latitude [deg] of one feature."""
+    """Identity, times [ns], and (n, 2) longitude and latitude [deg] of feature `number`; InputError if invalid."""
     location = f"{path}: feature {number}"
     properties = _member(feature, "properties")
     shape = _member(feature, "geometry")
@@ -186,7 +186,7 @@ def _unit(path: Path, header: list[str]) -> str:
 
 
 def _targets(path: Path, header: list[str]) -> list[str]:
-    """Target identities of the markers, in order, as text."""
+    """Target identities of the markers, in order, as text; `header` are the lines of the file's head."""
     markers = [cell.strip() for cell in header[3].split("\t")[2:] if cell.strip()]
     if not markers:
         raise InputError(f"{path}: line 4: names no marker; target_0, target_1, ... were expected", id="missing-value")
@@ -206,7 +206,10 @@ def _targets(path: Path, header: list[str]) -> list[str]:
 
 
 def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterator[tuple[str, ...]]:
-    """Time, identity and position of each target in a line."""
+    """Generate time, identity and position of each target in a line, as text.
+
+    Targets without a position are left out; `targets` are the identities of all markers.
+    """
     cells = [cell.strip() for cell in text.split("\t")]
     wanted = 2 + 3 * len(targets)
     if max(map(len, cells)) > MAX_CELL:
@@ -241,7 +244,7 @@ UNIT = 1e-3
 
 
 def looks_like_tum(head: Sequence[str]) -> bool:
-    """Whether a first line has eight numbers, of which the last four are a unit quaternion."""
+    """Whether the cells of a first line (`head`) are eight numbers, of which the last four are a unit quaternion."""
     if len(head) != COLUMNS:
         return False
     try:

@@ -169,9 +169,9 @@ Row = tuple[int, int, float, float, float, float]
 def read_xml_boxes(
     path: Path, camera: str, times: Mapping[str, FrameTimes], options: BoxOptions
 ) -> Iterator[TruthBoxes]:
-    """Read tables of true boxes; a frame listed without an object gets a row with `box` = -1.
+    """Generate tables of true boxes of a camera; a frame listed without an object gets a row with `box` = -1.
 
-    Frames that are not listed have not been annotated: they get no row.
+    Frames that are not listed have not been annotated: they get no row. `times` are those of frames, by camera.
     """
     first, stop = options.frames.of(camera) or (0, 2**62)
     rows: list[Row] = []
@@ -214,7 +214,10 @@ def _tables(
 
 
 def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
-    """Frame number (from 0) and rows of every frame, in increasing order."""
+    """Generate frame number (from 0) and rows of every frame, in increasing order; InputError for another order.
+
+    `first_number` is the number that the file gives to frame 0.
+    """
     last = -1
     found = False
     for element in _elements(path):
@@ -367,7 +370,7 @@ class Positions(NamedTuple):
 
 
 def _csv_positions(part: TextPart, options: TruthOptions) -> Positions:
-    """Positions of a table with a header."""
+    """Positions of a part of a table with a header."""
     t_ns = _row_times(part, options)
     return Positions(t_ns, part["id"], part["role"], part["x"], part["y"], part["z"], part.rows.lines)
 
@@ -385,7 +388,7 @@ def _row_times(part: TextPart, options: TruthOptions) -> Ints:
 
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
-    """Collect all positions sorted by time; InputError if a target has two positions at one time."""
+    """Collect the positions of all parts, sorted by time; InputError if a target has two positions at one time."""
     if not parts:
         raise InputError(f"{path}: holds a header and no row; true positions were expected", id="empty-input")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
@@ -445,7 +448,7 @@ def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes
 
 
 def _format(probe: Probe, stated: str) -> str:
-    """Name of a file's format; InputError, with the possible formats, if none matches."""
+    """Name of a file's format: the one stated, or for `auto` the one that matches; InputError if none does."""
     name = recognise(FORMATS, probe, stated, "truth")
     if name is None:
         remedy, head = "name its columns in a header line", probe.cells
@@ -458,7 +461,7 @@ def _format(probe: Probe, stated: str) -> str:
 
 
 def _one_camera(path: Path, options: TruthOptions) -> str:
-    """Camera of the boxes in a file."""
+    """Camera of the boxes in a file: the one stated, or the only one; UsageError if there are several."""
     if options.camera is not None:
         return options.camera
     if len(options.cameras) == 1:
@@ -535,7 +538,7 @@ def _read_boxes_of_one(path: Path, options: TruthOptions) -> Iterator[Truth | Tr
 
 
 def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
-    """Read positions of the people, and their boxes in the cameras in use."""
+    """Generate positions of the people in WILDTRACK's annotations, and their boxes in the cameras in use."""
     first, stop = options.boxes.frames.common or (0, 2**62)
     rows = [
         (frame - options.boxes.first_number, person.identity, person.position, person.entry)

@@ -111,7 +111,18 @@ def video_source(
     quality: int,
     keys: list[int] | None = None,
 ) -> CameraSource:
-    """Start decoding a video; `store` is png, jpeg, raw or none (times only); `keys` as in `DecodingJob`."""
+    """Start decoding a video.
+
+    Args:
+        name: of the camera.
+        path: of the video.
+        times: of its frames.
+        start: first frame.
+        stop: frame after the last; None: to the end.
+        store: png, jpeg, raw or none (times only).
+        quality: of JPEG, 1 to 100.
+        keys: as in `DecodingJob`.
+    """
     job = DecodingJob(kind="video", path=str(path), start=start, stop=stop, store=store, quality=quality)
     if keys is not None:
         job["keys"] = keys
@@ -121,7 +132,16 @@ def video_source(
 def image_source(
     name: str, folder: ImageFolder, *, start: int, stop: int | None, store: str, quality: int
 ) -> CameraSource:
-    """Start reading an image folder; `store` may also be keep: PNG and JPEG files as they are."""
+    """Start reading an image folder; InputError if it has none of the frames.
+
+    Args:
+        name: of the camera.
+        folder: its images and times.
+        start: first frame.
+        stop: frame after the last; None: to the end.
+        store: png, jpeg, raw, none (times only), or keep: PNG and JPEG files as they are.
+        quality: of JPEG, 1 to 100.
+    """
     files = [(i, str(file)) for i, file in folder.files if i >= start and (stop is None or i < stop)]
     if not files:
         raise InputError(f"{folder.path}: holds no image of frames {start} to {stop}", id="empty-input")

@@ -81,7 +81,7 @@ def _blocks(data: bytes) -> int:
 
 
 def _colours(data: bytes, at: int) -> int:
-    """Size [bytes] of the colour table declared by a GIF flag byte."""
+    """Size [bytes] of the colour table declared by the GIF flag byte at position `at`; 0: there is none."""
     (flags,) = struct.unpack_from("B", data, at)
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
@@ -113,7 +113,15 @@ def _pages(data: bytes) -> int:
 
 
 def _is_copy(data: bytes, order: str, begin: int, count: int, entry: int) -> bool:
-    """Whether a page's entries mark it as a thumbnail or mask of another page."""
+    """Whether a page's entries mark it as a thumbnail or mask of another page.
+
+    Args:
+        data: TIFF file.
+        order: byte order, `<` or `>`.
+        begin: first byte of the entries.
+        count: their number.
+        entry: bytes of one.
+    """
     for at in range(begin, begin + count * entry, entry):
         (tag,) = struct.unpack_from(order + "H", data, at)
         if tag == _KIND_OF_PAGE:
@@ -154,12 +162,15 @@ def stated_white(data: bytes) -> int | None:
 
 
 def is_scaled(data: bytes, most: int) -> bool:
-    """Whether OpenCV scales the declared maximum to 255: in text up to 255, and for full 8 or 16 bits."""
+    """Whether OpenCV scales the declared maximum `most` to 255: in text up to 255, and for full 8 or 16 bits.
+
+    `data` is the file (PNM).
+    """
     return most in (FULL, FULL_16) or (most < FULL and data[1:2] in (b"2", b"3"))
 
 
 def scaled(image: np.ndarray, most: int) -> Image:
-    """Scale a decoded image so that the declared maximum becomes 255, rounding down as OpenCV does."""
+    """Scale a decoded image so that the declared maximum `most` becomes 255, rounding down as OpenCV does."""
     shades = (np.arange(most + 1) * FULL // most).astype(np.uint8)
     out = np.empty(image.shape, np.uint8)
     for row, values in zip(out, image, strict=True):  # all at once would take eight bytes for each value
@@ -200,7 +211,7 @@ def image_kind(data: bytes) -> str | None:
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height [px] of a PNG or JPEG image from its header; None if not stated."""
+    """Width and height [px] of a PNG or JPEG image by its header; None if not stated, or for others."""
     if image_kind(data) == "png" and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return int(width), int(height)
@@ -256,7 +267,7 @@ def image_damage(data: bytes) -> str | None:
 
 
 def _scans(data: bytes) -> int:
-    """Number of scans of a JPEG image."""
+    """Number of scans of a progressive JPEG image, by their marks."""
     values = np.frombuffer(data, np.uint8)
     return int(np.count_nonzero((values[:-1] == 0xFF) & (values[1:] == 0xDA)))
 
@@ -279,7 +290,7 @@ def _png_damage(data: bytes) -> str | None:
 
 
 def check_image(data: bytes, where: str) -> None:
-    """InputError for images too large, or damaged by their markers and check sums."""
+    """InputError for images too large, or damaged by their markers and check sums; `where` names the image."""
     size = image_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels", id="input-too-large")
@@ -291,7 +302,7 @@ def check_image(data: bytes, where: str) -> None:
 def decode_image(data: bytes, where: str) -> Image:
     """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images.
 
-    For the decoding process, which parses untrusted bytes instead of the command.
+    For the decoding process, which parses untrusted bytes instead of the command. `where` names the image in messages.
     """
     check_image(data, where)
     most = stated_white(data)
@@ -314,7 +325,10 @@ def decode_image(data: bytes, where: str) -> Image:
 
 
 def _check_depth(data: bytes, where: str) -> None:
-    """InputError for 16-bit images that use low bits only, since only the upper 8 bits are decoded."""
+    """InputError for 16-bit images that use low bits only, since only the upper 8 bits are decoded.
+
+    `where` names the image.
+    """
     if not _is_deep(data):
         return
     deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
@@ -323,12 +337,22 @@ def _check_depth(data: bytes, where: str) -> None:
 
 
 def is_dark(most: int, full: int) -> bool:
-    """Whether a 16-bit image uses the lowest 12 bits only; `most` is its largest value of `full`."""
+    """Whether a 16-bit image uses its lowest 12 bits only, so that it would be nearly black in 8 bits.
+
+    Args:
+        most: largest value in the image.
+        full: value of white: `FULL_16` for values of 16 bits, `FULL` for those reduced to 8.
+    """
     return 0 < most <= math.ceil(DARK_16 * full / FULL_16)
 
 
 def dim_values(most: int, full: int) -> Facts:
-    """Description of a 16-bit image that uses the lowest 14 bits only; arguments as of `is_dark`."""
+    """Fact that a 16-bit image uses its lowest 14 bits only; empty if it uses more, or 12 at most (see `is_dark`).
+
+    Args:
+        most: largest value in the image.
+        full: value of white: `FULL_16` for values of 16 bits, `FULL` for those reduced to 8.
+    """
     value = most * FULL_16 // full
     return [("values-dim", {"most": value})] if DARK_16 < value <= math.ceil(DIM_16 / 257) * 257 else []
 
@@ -366,7 +390,10 @@ def dark_bars(image: Image) -> tuple[int, int, int, int]:
 
 
 def encode_image(image: Image, kind: str, quality: int) -> bytes:
-    """Encode an image as PNG (lossless) or JPEG; the result is the same on every machine."""
+    """Encode an image as PNG (lossless) or JPEG; the result is the same on every machine.
+
+    `kind` is png or jpeg, `quality` that of JPEG, 0 to 100.
+    """
     if kind == "png":
         # A third faster than the default, and smaller on photographs.
         ok, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED])
@@ -403,7 +430,10 @@ def size_changes(path: Path) -> Changes:
 
 
 def size_at(changes: Changes, pos_ns: float) -> Size | None:
-    """Frame size at a time; None if unknown."""
+    """Frame size at a time [ns] in a video; None if it is unknown.
+
+    `changes` are times and the sizes from then on, in order.
+    """
     k = bisect_right([at for at, _ in changes], pos_ns + 1e3) - 1
     return changes[k][1] if k >= 0 else None
 
@@ -422,7 +452,7 @@ def packet_size(data: bytes) -> Size | None:
 
 
 def _h264_size(data: bytes) -> Size | None:
-    """Size in the first sequence parameter set of an Annex B packet."""
+    """Size (width, height) in the first sequence parameter set of an Annex B packet; None without one."""
     at = data.find(START_CODE, 0, MAX_SEARCH)
     # Packets of MPEG-1, 2 and 4 begin with other codes, and later ones of theirs (slice 7) resemble parameters
     if not b"\0" < data[at + 3 : at + 4] < b"\x80":
@@ -460,7 +490,7 @@ class _Bits:
         return (1 << zeros) - 1 + self.u(zeros)
 
     def se(self) -> int:
-        """Next signed Exp-Golomb code."""
+        """Read the next signed Exp-Golomb code."""
         k = self.ue()
         return (k + 1) // 2 if k & 1 else -k // 2
 

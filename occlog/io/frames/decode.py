@@ -60,7 +60,7 @@ class FrameLedger:
         self._refused: dict[str, list[int]] = {}
 
     def accept(self, index: int) -> bool:
-        """Return whether a picture is used: numbered, in the range, later than the last one, and complete."""
+        """Return whether picture `index` is used: numbered, in the range, later than the last one, and complete."""
         if index < 0 or (self._start <= index <= self._last):
             self._unplaced += 1
             return False
@@ -71,12 +71,12 @@ class FrameLedger:
         return index >= len(broken) or not broken[index]
 
     def note(self, index: int, complaint: str) -> None:
-        """Record a decoder message about a picture that was delivered nevertheless."""
+        """Record a decoder message about picture `index`, which was delivered nevertheless; empty: there was none."""
         if complaint:
             self._complaints.append((index, complaint))
 
     def refuse(self, index: int, why: str) -> None:
-        """Record a picture that is not used, with the reason."""
+        """Record that picture `index` is not used, with the reason."""
         self._refused.setdefault(why, []).append(index)
         self._see(index)
 
@@ -85,7 +85,7 @@ class FrameLedger:
             self._seen[index] = True
 
     def fits(self, index: int, size: tuple[int, int]) -> bool:
-        """Check the size of a decoded picture; False (and recorded) if it differs from the others."""
+        """Check the size (width, height) of decoded picture `index`; False, which is recorded, for another size."""
         self.met += 1
         self._see(index)
         if size == self._size:
@@ -122,7 +122,7 @@ class FrameLedger:
         )
 
     def report(self, lost: Callable[[Loss], None]) -> None:
-        """Report all frames missing from the range, and possible damage."""
+        """Report all frames missing from the range, and possible damage, as losses to `lost`."""
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
         for why, frames in self._refused.items():
             losses += _stretches(self._path.name, np.array(frames, dtype=np.int64), why)
@@ -172,7 +172,10 @@ class FrameLedger:
 
 
 def _stretches(source: str, frames: Ints, what: str) -> Iterable[Loss]:
-    """Losses of frames, one for each run of consecutive numbers."""
+    """Losses of the rising frame numbers `frames`, one for each run of consecutive numbers.
+
+    Of more than `MAX_STRETCHES` runs the rest is one loss; `what` is the reason.
+    """
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []
     for run in runs[:MAX_STRETCHES]:
         location = f"frame {run[0]}" if len(run) == 1 else f"frames {run[0]}-{run[-1]}"
@@ -328,7 +331,7 @@ def _describe(
 
 
 def _remedied(path: Path, what: str) -> str:
-    """Reason why the decoder failed to convert a video, with a command that converts it."""
+    """Reason why the decoder failed to convert a video, with a command that converts it; `what` is FFmpeg's message."""
     interlaced = "interlaced" in what.lower()
     made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
     deinterlace = "-vf bwdif=send_frame " if interlaced else ""
@@ -339,7 +342,11 @@ def _remedied(path: Path, what: str) -> str:
 
 
 def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:
-    """Rotation or reflection stated by the file; only multiples of 90 degrees are applied."""
+    """How a file says that its pictures are rotated or mirrored, as at most one fact.
+
+    It is `pictures-turned` if the decoder applies this, `pictures-not-turned` if not. Of rotations, those by multiples
+    of 90 degrees are applied.
+    """
     angle = float(capture.get(cv2.CAP_PROP_ORIENTATION_META))
     if container is not None and container.mirror:
         applied = "pictures-turned" if container.mirror in MIRRORED else "pictures-not-turned"
@@ -357,7 +364,7 @@ def _aspect(capture: cv2.VideoCapture) -> Facts:
 
 
 def _start_s(capture: cv2.VideoCapture, first: _Raw) -> float:
-    """First frame's time stamp minus the decoder's time of it [s]; NaN if unknown."""
+    """Time stamp of the first frame, minus the decoder's time of it [s]; NaN if unknown."""
     stamp, rate = getattr(cv2, "CAP_PROP_PTS", None), capture.get(cv2.CAP_PROP_FPS)
     return capture.get(stamp) / rate - first.pos_ns / NS if stamp is not None and rate > 0 else math.nan
 
@@ -444,7 +451,14 @@ def _raw_pictures(
     complaint: Callable[[], str],
     mirror: Callable[[Image], Image] | None = None,
 ) -> Iterator[_Raw]:
-    """Generate every picture that the decoder delivers, mirrored if required; failed reads are skipped."""
+    """Generate every picture that the decoder delivers, mirrored if required; failed reads are skipped.
+
+    Args:
+        frames: number of frames by the container; None: unknown.
+        capture: the decoder.
+        complaint: returns what FFmpeg has reported since the last call.
+        mirror: applied to each picture; None: nothing is.
+    """
     ordinal = misses = missed = 0
     while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
         good = capture.grab()
@@ -471,7 +485,8 @@ def _retrieve(
 ) -> tuple[Image | None, str]:
     """Retrieve the last decoded picture (None on failure), and the reason of a failed conversion.
 
-    If FFmpeg refuses the conversion, OpenCV returns an unfilled buffer; the failure is detected by FFmpeg's message.
+    If FFmpeg refuses the conversion, OpenCV returns an unfilled buffer; the failure is detected by FFmpeg's message,
+    which `complaint` returns. `target` is an array that may be filled.
     """
     try:
         ok, image = capture.retrieve(target)
@@ -522,10 +537,10 @@ def _placed(container: Container, pictures: Iterator[_Raw], late: int) -> Iterat
 
 
 def _lateness(container: Container | None, first: _Raw) -> int:
-    """Delay of the decoder of an AVI file, in packets between reading and delivery of a picture.
+    """Delay of the decoder of an AVI file, in packets between reading and delivery of a picture; 0 for others.
 
     With B-frames the first picture is delivered with a later packet. Undecodable pictures have the same effect, but are
-    reported by the decoder.
+    reported by the decoder. `first` is the first picture that is delivered.
     """
     if container is None or container.packets is None or first.complaint:
         return 0
@@ -554,6 +569,9 @@ def _place(container: Container | None, raw: _Raw) -> int:
 
 
 def _tolerance(pts: Ints, k: int) -> float:
-    """Tolerance for matching a time stamp: half the distance to the nearer neighbour, at most 5 ms."""
+    """Tolerance [ns] for matching a time stamp with frame k: half the distance to the nearer neighbour, at most 5 ms.
+
+    `pts` (n,) are the rising times of all frames [ns].
+    """
     gaps = np.diff(pts[max(k - 1, 0) : k + 2])
     return min(float(gaps.min()) / 2 if len(gaps) else 5e6, 5e6)

@@ -74,7 +74,7 @@ class CpuTimeLimit:
 
 
 def _set(kind: int, value: int) -> None:
-    """Set a soft limit, at most the hard one."""
+    """Set the soft limit of the resource `kind`, at most to the hard one; without an error if that is not possible."""
     with suppress(ValueError, OSError):
         _, hard = resource.getrlimit(kind)
         resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))

@@ -36,7 +36,10 @@ STAMPS = "container time stamps"
 
 
 def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
-    """Times of frames from a time stamp file (see `occlog.io.files.timing.times`)."""
+    """Times of frames from a time stamp file called `name` (see `occlog.io.files.timing.times`).
+
+    `table_ns` (n,) are its times [ns], counted from `start_ns`.
+    """
     return FrameTimes(f"sidecar {name}", start_ns, table_ns)
 
 
@@ -120,7 +123,7 @@ def list_images(folder: Path) -> list[Path]:
 
 
 def numbers_of(files: list[Path]) -> list[int]:
-    """Last number in each file name, strictly increasing; InputError if missing or repeated."""
+    """Last number in the name of each of the files, strictly increasing; InputError if missing or repeated."""
     from occlog.records.declared.sensors import MAX_FRAMES  # which the process that decodes does not need
 
     numbers: list[int] = []
@@ -148,7 +151,7 @@ def numbers_of(files: list[Path]) -> list[int]:
 
 
 def are_times(files: list[Path]) -> bool:
-    """Whether the file names are times [ns since the Unix epoch] (18 or more digits)."""
+    """Whether the names of all files are times [ns since the Unix epoch] (18 or more digits)."""
     return all(file.stem.isdigit() and len(file.stem) >= NS_DIGITS for file in files)
 
 

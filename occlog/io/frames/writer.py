@@ -49,7 +49,11 @@ class VideoWriter:
         overwrite: bool = False,
         together: OutputGroup | None = None,
     ) -> None:
-        """Prepare to write `path` with images of `size` (width, height); with `together` it appears at its end."""
+        """Prepare to write `path` with images of `size` (width, height) at `rate_hz` frames per second.
+
+        OutputExistsError if it exists and `overwrite` is False; with the group `together` it appears at the group's
+        end.
+        """
         self.path, self.size, self.rate_hz, self.overwrite = path, size, rate_hz, overwrite
         self.together = together
         self.frames = self.bytes = 0
@@ -162,7 +166,7 @@ class ShownVideo(VideoWriter):
     """
 
     def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
-        """Prepare to write `path` with images of `size` (width, height), both even."""
+        """Prepare to write `path` with images of `size` (width, height), both even, at `rate_hz` frames per second."""
         super().__init__(path, size, rate_hz, overwrite=overwrite)
         self.suffix = path.suffix.lower()
         self.code = SHOWN[self.suffix]

@@ -250,7 +250,10 @@ def _in_order(files: list[BagFile]) -> list[BagFile]:
 
 
 def _add(bag: Bag, path: Path) -> None:
-    """Open one file; if one of several cannot be opened, it is a loss."""
+    """Open one file and add it to the bag; InputError if it cannot be opened.
+
+    If it is one of several, that is a loss instead.
+    """
     try:
         check_input(path, WHAT)
         kind = _kind(path)
@@ -329,7 +332,7 @@ def _packed_or_not(path: Path) -> Path:
 
 
 def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
-    """Files of a folder that its metadata do not list."""
+    """Losses for the files of the folder `path` that its metadata do not list; `listed` are those that they list."""
     if not path.is_dir():
         return []
     known = {_bare(file) for file in listed}
@@ -338,7 +341,7 @@ def _left_out(path: Path, listed: list[Path]) -> list[Loss]:
 
 
 def _information(path: Path) -> dict[str, object]:
-    """Content of a metadata file."""
+    """Content of a bag's metadata file (YAML); InputError if it is not such a file."""
     documents = yaml_documents(read_configuration(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
     content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
@@ -393,7 +396,10 @@ class BagDecoder:
         self._decoders: dict[str, Decode] = {}
 
     def read(self, topic: str, data: bytes) -> Any:
-        """Decode a message by its type (`read_message`); InputError for invalid bytes."""
+        """Decode a message of a topic by its type (`read_message`); InputError for invalid bytes.
+
+        Of transforms a list is returned.
+        """
         if topic not in self._decoders:
             self._decoders[topic] = decoder(self._topics[topic])
         kind = self._topics[topic].kind
@@ -476,7 +482,10 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
 
 
 def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
-    """Width and height of an image [px]; InputError if damaged, or for a video picture without a size."""
+    """Width and height of an image of a topic [px].
+
+    InputError if it is damaged, NoSizeError for a video picture without a size.
+    """
     if image.size is None and is_video(image.encoding):
         try:
             size = stream_size(image.data, image.encoding)

@@ -59,6 +59,11 @@ def intrinsics(info: InfoMessage, *, rectified: bool, where: str) -> Intrinsics 
     """Intrinsics from a calibration message; None if it states that the camera is not calibrated.
 
     InputError, with the remedy, for lens models and regions of the sensor that cannot be used.
+
+    Args:
+        info: calibration message.
+        rectified: images are rectified, so that the projection matrix counts, and no distortion.
+        where: topic, for messages.
     """
     matrix = info.p[:, :3] if rectified else info.k
     if not matrix[0, 0]:
@@ -159,7 +164,7 @@ def stored(message: ImageMessage, where: str, store: str | None, quality: int) -
 
 
 def pixels(message: ImageMessage, where: str) -> Image:
-    """(h, w, 3) BGR or (h, w) grey; InputError as `stored`."""
+    """(h, w, 3) BGR or (h, w) grey image of a message; InputError as `stored`. `where` names the message."""
     if message.size is None and is_video(message.encoding):
         raise InputError(
             f"{where}: a single picture of a video stream, which needs the earlier ones", id="unsupported-format"
@@ -227,10 +232,10 @@ class FramePose(NamedTuple):
 
 
 class Transforms:
-    """Transform tree of a bag."""
+    """Tree of the transforms between the frames of a bag."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Start without transforms."""
         self.edges: dict[str, Edge] = {}
         self.faults: dict[str, str] = {}
 
@@ -283,7 +288,7 @@ class Transforms:
         raise AssertionError("no root in the chain of frames; `chain` ends at a frame without a parent")
 
     def placed(self, frame: str, world: str) -> FramePose:
-        """Pose of a frame in another one.
+        """Pose of a frame in the frame `world`.
 
         InputError where the frames are not connected, one of them moves in the other, or has two parents.
         """
@@ -306,7 +311,7 @@ class Transforms:
         return FramePose(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
 
     def _to(self, frame: str, above: str) -> FramePose:
-        """Pose of a frame in one of its ancestors."""
+        """Pose of a frame in `above`, one of its ancestors."""
         rotation, translation = np.eye(3), np.zeros(3)
         while frame != above:
             edge = self.edges[frame]
@@ -347,6 +352,12 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
     """True positions of one message in the world; targets are numbered from `first`.
 
     Positions on the earth are in the world of the origin that the user states, and not in a frame of the bag.
+
+    Args:
+        message: with positions.
+        t_ns: its time [ns].
+        first: number of the first target.
+        placed: world pose of the message's frame.
     """
     if message.on_earth:
         return _truth_on_earth(message, t_ns, first)
@@ -361,7 +372,10 @@ def truth_rows(message: PoseMessage, t_ns: int, first: int, placed: FramePose) -
 
 
 def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
-    """Geodetic true positions of one message, in the scene; heights are used if the origin states its own."""
+    """Geodetic true positions of one message at `t_ns` [ns], in the scene; targets are numbered from `first`.
+
+    Heights are used if the origin states its own; InputError if they are missing then.
+    """
     degrees, heights = message.positions[:, :2], message.positions[:, 2]
     known = has_heights()
     if known and not np.isfinite(heights).all():
@@ -380,7 +394,13 @@ class MessageBoxRows:
     """Converts box messages of one camera to rows, and numbers its frames."""
 
     def __init__(self, camera: str, classes: Collection[str], scale: float) -> None:
-        """Select boxes of some classes, or of the only one that occurs; scores are divided by `scale`."""
+        """Start without frames of a camera.
+
+        Args:
+            camera: its name.
+            classes: boxes of these are selected; empty: of the only one that occurs.
+            scale: by which scores are divided.
+        """
         self.camera, self.classes, self.scale = camera, classes, scale
         self.frames = 0
         self.labels: Counter[str] = Counter()
@@ -388,7 +408,7 @@ class MessageBoxRows:
         self._owners: dict[int, str] = {}
 
     def rows(self, message: BoxMessage, t_ns: int) -> Boxes:
-        """Rows of one message (a frame); a frame without boxes is one row without detection.
+        """Rows of one message (a frame) at `t_ns` [ns]; a frame without boxes is one row without detection.
 
         InputError where there are several classes and none is chosen, and for boxes that cannot be.
         """
@@ -441,7 +461,10 @@ class MessageBoxRows:
 
 
 def direction_rows(message: DirectionMessage, t_ns: int, array: MicrophoneArray) -> Doa:
-    """Directions of one message in the world; empty slots (id 0, or no direction) are skipped."""
+    """Directions of one message in the world, at `t_ns` [ns]; empty slots (id 0, or no direction) are skipped.
+
+    InputError for a vector that is not of unit length.
+    """
     heard = [s for s in message.sources if s.id != 0 and any(s.vector)]
     vectors: Floats = np.array([s.vector for s in heard], dtype=np.float64).reshape(-1, 3)
     with np.errstate(over="ignore"):  # infinite values are refused

@@ -30,7 +30,7 @@ from .mcap_file import BagTopic
 
 
 class TopicKind(Enum):
-    """Kind of data of a topic."""
+    """What the messages of a topic hold."""
 
     IMAGE = "images"
     INFO = "calibration"
@@ -109,7 +109,7 @@ class BoxDetection(NamedTuple):
 
 
 class BoxMessage(NamedTuple):
-    """The boxes of one image."""
+    """Boxes of one image, from any message type."""
 
     header: MessageStamp
     boxes: tuple[BoxDetection, ...]
@@ -201,13 +201,13 @@ def _foxglove_raw(message: Any) -> ImageMessage:
 
 
 def _matrix(values: Any, rows: int, columns: int) -> Floats:
-    """Row-major matrix; zeros if not stated."""
+    """(rows, columns) matrix of row-major values; zeros if they are not stated (empty)."""
     found = np.asarray(list(values), dtype=np.float64)
     return found.reshape(rows, columns) if found.size else np.zeros((rows, columns))
 
 
 def _matrix_field(message: Any, name: str) -> Any:
-    """Matrix of a `CameraInfo`; its field names are upper case in ROS 1."""
+    """Matrix `name` of a `CameraInfo`; its field names are upper case in ROS 1."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
@@ -270,7 +270,7 @@ def _positions(header: MessageStamp, positions: list[Any]) -> PoseMessage:
 
 
 def _fix(message: Any) -> PoseMessage:
-    """Position of a satellite receiver; InputError without a fix."""
+    """Position of a satellite receiver, in a message `NavSatFix` or `LocationFix`; InputError without a fix."""
     status = int(getattr(getattr(message, "status", None), "status", 0))
     if status < 0:
         raise InputError(f"the receiver had no fix (status {status})")
@@ -462,8 +462,8 @@ def _ros(topic: BagTopic) -> Decode:
         ) from None
     if len(topic.definition) > LONGEST_DEFINITION:
         raise InputError(
-            f"topic {topic.name}: type {topic.kind}: its definition has {len(topic.definition)} bytes; at most "
-            f"{LONGEST_DEFINITION} are read",
+            f"topic {topic.name}: the definition of type {topic.kind} has {len(topic.definition)} bytes (at most "
+            f"{LONGEST_DEFINITION} are read); leave the topic out",
             id="input-too-large",
         )
     kind = _ros_name(topic.kind)
@@ -503,9 +503,15 @@ class _TypeStore(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _types(kind: str, encoding: str, language: str, definition: bytes) -> _TypeStore:
-    """Load message types of ROS.
+    """Load the message type `kind` of ROS, and the types of its fields.
 
     Code is generated for them, which takes milliseconds, and cameras share their types.
+
+    Args:
+        kind: type, as rosbags names it.
+        encoding: of the topic, which states the release of ROS.
+        language: of the definition.
+        definition: in the bag; empty: ROS' own one is used.
     """
     types = importlib.import_module("rosbags.typesys")
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
@@ -527,7 +533,10 @@ def _types(kind: str, encoding: str, language: str, definition: bytes) -> _TypeS
 
 
 def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
-    """Add missing types of fields from ROS' own definitions; returns their names."""
+    """Add missing types of the fields of `kind` to `store` from ROS' own definitions; return their names, sorted.
+
+    ValueError for a type that ROS does not define either.
+    """
     nodes = importlib.import_module("rosbags.interfaces").Nodetype
     seeking, seen, borrowed = [kind], set[str](), list[str]()
     while seeking:
@@ -548,7 +557,7 @@ def _borrow(store: Any, kind: str, own: Any) -> tuple[str, ...]:
 
 
 def _checked(found: Any) -> Any:
-    """Validate types by name; ValueError for those with generated code that would be invalid or unbounded.
+    """Validate types by name, and return them; ValueError if generated code would be invalid or unbounded.
 
     Generated code contains names, constants, and a line per entry of a fixed-length array; and a message may declare
     any number of entries that take no bytes.

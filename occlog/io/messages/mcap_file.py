@@ -136,7 +136,12 @@ class McapFile:
             self._tell_missing(topics, found)
 
     def _tell_missing(self, topics: Collection[str], found: Mapping[int, int]) -> None:
-        """Report messages that the index counts in chunks that it does not list."""
+        """Report messages that the index counts in chunks that it does not list.
+
+        Args:
+            topics: those that are read.
+            found: number of messages that were found, by channel.
+        """
         for number, channel in self._channels.items():
             missing = (self._counts or {}).get(number, 0) - found.get(number, 0)
             if channel.topic in topics and missing > 0:
@@ -186,7 +191,10 @@ class McapFile:
             self._lose(f"byte {at}", "the file ends without its end mark")
 
     def _check_end(self, file: IO[bytes], at: int, size: int) -> None:
-        """Report data after the end of the data section other than the index."""
+        """Report data after the end of the data section, at byte `at`, other than the index.
+
+        `size` is that of the file [bytes].
+        """
         behind = byte_after_end(file, at, size)
         if behind is None:
             self._lose(f"byte {at}", f"the index is damaged; {size - at} bytes from there on were not read")
@@ -211,7 +219,7 @@ class McapFile:
                         self._take(code, file.read(length), None, [])
 
     def _define(self, found: D, known: dict[int, D]) -> None:
-        """Add a definition, or report that it contradicts an earlier one."""
+        """Add a definition to those `known` by number, or report that it contradicts an earlier one."""
         if known.get(found.id, found) != found:
             if known[found.id] not in self._repeated:
                 what = type(found).__name__.lower()
@@ -226,7 +234,10 @@ class McapFile:
             self._repeated.remove(found)
 
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
-        """Whether a chunk holds none of the topics, by the index."""
+        """Whether the record at byte `at`, by the index, is a chunk that holds none of the topics (None: all).
+
+        `code` is its opcode.
+        """
         if code != Opcode.CHUNK or topics is None or at not in self._chunks:
             return False
         return not any(self._channels[c].topic in topics for c in self._chunks[at] if c in self._channels)
@@ -240,7 +251,18 @@ class McapFile:
         topics: Collection[str] | None,
         growth: DecompressionCount,
     ) -> Iterator[tuple[int, int, bytes]]:
-        """Messages of one record outside chunks, or of one chunk; a damaged one is a loss."""
+        """Generate the messages of one record outside chunks, or of one chunk: channel, log time [ns] and data.
+
+        A damaged record is a loss.
+
+        Args:
+            file: at the content of the record.
+            at: first byte of the record.
+            code: its opcode.
+            length: of its content.
+            topics: those that are read; None: all.
+            growth: counts decompressed bytes.
+        """
         if length > MAX_CHUNK_BYTES:
             self._lose(f"byte {at}", f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) was skipped")
             return
@@ -259,7 +281,7 @@ class McapFile:
         yield from self._in_order(found)
 
     def _in_order(self, found: list[tuple[int, int, bytes]]) -> list[tuple[int, int, bytes]]:
-        """Sort the messages of a chunk by time; unchanged if a clock was set back.
+        """Sort the messages of a chunk (channel, log time [ns], data) by time; unchanged if a clock was set back.
 
         Messages of a topic that are up to `OUT_OF_ORDER_NS` too early are counted in `reordered`.
         """
@@ -285,7 +307,10 @@ class McapFile:
         found: list[tuple[int, int, bytes]],
         growth: DecompressionCount,
     ) -> None:
-        """Add the messages of a chunk with a valid check sum."""
+        """Add the messages of a chunk to `found`; ValueError for a wrong check sum.
+
+        `topics` are those that are read (None: all), `growth` counts decompressed bytes.
+        """
         head = chunk_head(data)
         records = unpacked(data[head.begin :], head.compression, head.declared)
         if head.crc and zlib.crc32(records) != head.crc:
@@ -304,7 +329,10 @@ class McapFile:
     def _take(
         self, code: int, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]
     ) -> None:
-        """Process a record: note a schema or channel, or add a message."""
+        """Process a record with opcode `code`: note a schema or channel, or add a message to `found`.
+
+        `topics` are those that are read; None: all.
+        """
         if code == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(io.BytesIO(data)))
             self._define(schema, self._schemas)
@@ -330,7 +358,7 @@ _REPEATED = 1
 
 
 def unpack_frames(data: bytes, most: int) -> bytes:
-    """Decompress all zstd frames; ZstdError if damaged or larger than `most` bytes."""
+    """Decompress all zstd frames of `data`; ZstdError if damaged or larger than `most` bytes."""
     parts, left = list[bytes](), most
     for frame in _frames(data):
         size = zstandard.frame_content_size(frame)  # -1: whoever packed it did not know

@@ -61,7 +61,7 @@ class _Record(NamedTuple):
         return self.fields[b"op"][0]
 
     def number(self, name: bytes) -> int:
-        """Field with a 32-bit number."""
+        """Value of the field `name`, a 32-bit number."""
         return int(_LENGTH.unpack(self.fields[name])[0])
 
 
@@ -131,7 +131,12 @@ class Rosbag1File:
         self.losses[Loss(self.name, location, what, count)] = None
 
     def _read_index(self, file: IO[bytes]) -> None:
-        """Read connections and chunk positions at the end of the file; an error of `_DAMAGE` if missing."""
+        """Read connections and chunk positions from the index at the end of the file.
+
+        Raises:
+            InputError: the bag is encrypted.
+            ValueError, or another error of `_DAMAGE`: the index is missing or damaged.
+        """
         header = self._record(file, len(VERSION))
         if header.kind != BAG_HEADER:
             raise ValueError("its first record is not that of a bag")
@@ -165,7 +170,7 @@ class Rosbag1File:
         self._counts = dict(counts)
 
     def _record(self, file: IO[bytes], at: int) -> _Record:
-        """Parse the record header at a byte."""
+        """Parse the record header at byte `at`; ValueError if it is invalid."""
         file.seek(at)
         (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
         if length > MAX_HEADER:
@@ -210,7 +215,7 @@ class Rosbag1File:
                 at = end
 
     def _is_wanted(self, at: int, topics: Collection[str] | None) -> bool:
-        """Whether a chunk may hold one of the topics, by the index."""
+        """Whether the chunk at byte `at` may hold one of the topics (None: all), by the index."""
         if topics is None or at not in self._chunks:
             return True
         return any(n not in self._topics or self._topics[n].name in topics for n in self._chunks[at])
@@ -223,7 +228,15 @@ class Rosbag1File:
         topics: Collection[str] | None,
         growth: DecompressionCount,
     ) -> Iterator[tuple[int, int, bytes]]:
-        """Generate the messages of a chunk, up to its damage."""
+        """Generate the messages of a chunk, up to its damage: connection, time [ns] and data.
+
+        Args:
+            file: open bag.
+            at: first byte of the chunk.
+            record: its header.
+            topics: those that are read; None: all.
+            growth: counts decompressed bytes.
+        """
         if record.length > MAX_CHUNK_BYTES:
             self._lose(f"byte {at}", f"a chunk of {record.length} bytes (limit {MAX_CHUNK_BYTES}) was skipped")
             return
@@ -254,7 +267,10 @@ class Rosbag1File:
         yield from found
 
     def _take(self, record: _Record, data: bytes, topics: Collection[str] | None) -> tuple[int, int, bytes] | None:
-        """Process a record: note a connection, or return a message of one of the topics; else None."""
+        """Process a record: note a connection, or return a message of one of the topics (None: all); else None.
+
+        A message is connection, time [ns] and data.
+        """
         if record.kind == CONNECTION:
             self._connect(record, data)
             return None
@@ -267,7 +283,10 @@ class Rosbag1File:
         return number, _time(record.fields[b"time"]), data
 
     def _connect(self, record: _Record, data: bytes) -> None:
-        """Add a connection (a topic of one publisher); InputError if its type contradicts an earlier one."""
+        """Add a connection (a topic of one publisher); InputError if its type contradicts an earlier one.
+
+        `data` has the fields of the connection.
+        """
         if record.kind != CONNECTION:
             raise ValueError(f"a record of kind {record.kind} in place of a connection")
         number, name = record.number(b"conn"), record.fields[b"topic"].decode("utf-8", "replace")
@@ -298,7 +317,7 @@ def _data(file: IO[bytes], record: _Record) -> bytes:
 
 
 def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
-    """Parse the `name=value` fields of a record header."""
+    """Parse the `name=value` fields of a record header of a length [bytes]; ValueError if it is damaged."""
     if len(data) < length:
         raise ValueError("a header ends early")
     out, at = dict[bytes, bytes](), 0
@@ -313,13 +332,13 @@ def _fields(data: bytes, length: int) -> dict[bytes, bytes]:
 
 
 def _time(value: bytes) -> int:
-    """Time [ns] from seconds and nanoseconds."""
+    """Time [ns] from 8 bytes with seconds and nanoseconds."""
     seconds, rest = _TIME.unpack(value)
     return int(seconds) * NS + int(rest)
 
 
 def _unpacked(data: bytes, record: _Record) -> bytes:
-    """Decompress the records of a chunk, or those before a truncation; ValueError if larger than declared."""
+    """Decompress the records of a chunk (`data`), or those before a truncation; ValueError if larger than declared."""
     declared = MAX_CHUNK_BYTES if record.open else record.number(b"size")
     compression = record.fields[b"compression"]
     if declared > MAX_CHUNK_BYTES:

@@ -33,7 +33,7 @@ class SqliteFile:
     """A .db3 file; `losses` is extended while it is read."""
 
     def __init__(self, path: Path, name: str) -> None:
-        """Read the topics; InputError if the file is not a ROS 2 bag."""
+        """Read the topics; InputError if the file is not a ROS 2 bag. `name` is that of the file in messages."""
         self.path, self.name = path, name
         self.losses: dict[Loss, None] = {}
         try:
@@ -46,7 +46,7 @@ class SqliteFile:
         self._note_side_files()
 
     def topics(self) -> list[BagTopic]:
-        """The topics."""
+        """Topics of the bag file."""
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:

@@ -46,7 +46,7 @@ class TopicMap:
 
     @property
     def cameras(self) -> list[str]:
-        """Cameras with images or boxes."""
+        """Names of the cameras with images or boxes."""
         return list(dict.fromkeys([*self.images, *self.boxes]))
 
 
@@ -113,7 +113,10 @@ def map_topics(topics: Mapping[str, BagTopic], asked: Sequence[tuple[str, str]],
 
 
 def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicKind:
-    """Kind of a topic that the user names, by its type."""
+    """Kind of a topic that the user names, by its type; UsageError if it is missing or cannot be used.
+
+    `name` is that of the sensor or target for which the user names it.
+    """
     if topic not in topics:
         known = ", ".join(topics) or "none"
         raise UsageError(f"topic {topic}: the bag has no such topic; it has: {known}", id="unknown-name")
@@ -148,7 +151,7 @@ def is_rectified(topic: str) -> bool:
 
 
 def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[str]:
-    """Select one image topic per namespace: the one with most messages, then raw, then compressed."""
+    """Select one image topic per namespace, sorted: the one with most messages, then raw, then compressed."""
     groups: dict[str, list[str]] = {}
     for topic in images:
         groups.setdefault(base_of(topic).rpartition("/")[0] or topic, []).append(topic)
@@ -160,7 +163,10 @@ def _one_of_each(images: Iterable[str], topics: Mapping[str, BagTopic]) -> list[
 
 
 def name_cameras(images: Sequence[str]) -> dict[str, str]:
-    """Camera names: the last meaningful part of each topic, with as many preceding parts as distinguish them."""
+    """Topic of each camera, by name, of the topics `images`.
+
+    The name is the last meaningful part of the topic, with as many preceding parts as distinguish them.
+    """
     parts = {topic: _telling(topic) for topic in images}
     for depth in range(1, 1 + max((len(p) for p in parts.values()), default=0)):
         names = {topic: "_".join(p[-depth:]) for topic, p in parts.items()}
@@ -189,7 +195,10 @@ def _telling(topic: str) -> list[str]:
 
 
 def _info_of(image: str, infos: Sequence[str]) -> str | None:
-    """Calibration topic of images: `/cam/camera_info` for `/cam/image_raw`, or the namespace's only one; else None."""
+    """Calibration topic, of `infos`, of an image topic; None if there is none.
+
+    It is `/cam/camera_info` for `/cam/image_raw`, or the namespace's only one.
+    """
     space = base_of(image).rpartition("/")[0]
     same_namespace = [t for t in infos if t.rpartition("/")[0] == space]
     exact = [t for t in same_namespace if t.rpartition("/")[2] == "camera_info"]
@@ -197,9 +206,10 @@ def _info_of(image: str, infos: Sequence[str]) -> str | None:
 
 
 def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
-    """Calibration topic of boxes, in the nearest enclosing namespace: `/cam/camera_info` for `/cam/yolo/boxes`.
+    """Calibration topic, of `infos`, of a box topic, in the nearest enclosing namespace; None if not found.
 
-    If the bag has one calibration and one box topic, these belong together, wherever they are. None if not found.
+    It is `/cam/camera_info` for `/cam/yolo/boxes`. If the bag has one calibration and one box topic (`cameras` = 1),
+    these belong together, wherever they are.
     """
     spaces = {t.rpartition("/")[0]: t for t in sorted(infos, reverse=True)}
     parts = boxes.split("/")
@@ -209,7 +219,10 @@ def _info_above(boxes: str, infos: Sequence[str], cameras: int) -> str | None:
 
 
 def _boxes_alone(boxes: Sequence[str], topics: Mapping[str, BagTopic], infos: Sequence[str]) -> dict[str, str]:
-    """Box topics of a bag without images, by camera: one per calibration, the one with most messages."""
+    """Box topic of each camera of a bag without images: one per calibration topic, that with most messages.
+
+    `infos` are the calibration topics.
+    """
     groups: dict[str, list[str]] = {}
     for topic in boxes:
         groups.setdefault(_info_above(topic, infos, len(boxes)) or topic, []).append(topic)

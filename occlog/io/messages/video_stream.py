@@ -52,7 +52,7 @@ _WITH_CHROMA = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
 
 
 def is_video(encoding: str) -> bool:
-    """Whether the format of a compressed image is a video stream."""
+    """Whether `encoding`, the format of a compressed image, is a video stream."""
     return encoding.lower() in CODECS
 
 
@@ -77,7 +77,7 @@ class StreamReader:
     """Parser of the headers of one stream's messages, in order."""
 
     def __init__(self, encoding: str) -> None:
-        """Start before the first message."""
+        """Start before the first message of a stream with an encoding."""
         self.encoding = encoding.lower()
         self.size: tuple[int, int] | None = None
         self._avc = CODECS[self.encoding] == AVC
@@ -88,7 +88,7 @@ class StreamReader:
         self._last: int | None = None  # frame_num or order of the last picture that others may be built on
 
     def read(self, data: bytes) -> AccessUnit:
-        """Parse the picture of a message.
+        """Parse the picture of the message `data`.
 
         Raises:
             InputError: the message is no Annex B stream, has no or several pictures, or pictures are stored in
@@ -233,7 +233,18 @@ class StreamReader:
 
 
 def stream_size(data: bytes, encoding: str) -> tuple[int, int] | None:
-    """Width and height stated in a message; None if absent; InputError for a damaged one."""
+    """Width and height [px] that a message of a video stream states.
+
+    Args:
+        data: the message.
+        encoding: of the stream, a key of `CODECS` such as `h264`.
+
+    Returns:
+        None if the message does not state them.
+
+    Raises:
+        InputError: the message is damaged.
+    """
     reader = StreamReader(encoding)
     reader.read(data)
     return reader.size
@@ -254,7 +265,7 @@ class _Bits:
         return self._value >> self._left & ((1 << bits) - 1)
 
     def golomb(self) -> int:
-        """Read an Exp-Golomb code."""
+        """Read an unsigned Exp-Golomb code; IndexError at the end of the data."""
         zeros = 0
         while not self.number(1):
             zeros += 1
@@ -273,7 +284,7 @@ def _skip_scaling(bits: _Bits, size: int) -> None:
 
 
 def _units(data: bytes) -> Iterator[bytes]:
-    """Split a stream into units at start codes."""
+    """Generate the units of an Annex B stream, split at start codes."""
     begins = [match.end() for match in _START.finditer(data)]
     for begin, end in zip(begins, [*(at - 3 for at in begins[1:]), len(data)], strict=False):
         if begin < end:
@@ -284,7 +295,7 @@ class StreamFile:
     """Matroska file with the pictures of one stream; the time stamp of each is its number."""
 
     def __init__(self, path: Path, encoding: str, size: tuple[int, int]) -> None:
-        """Begin the file."""
+        """Begin a Matroska file at `path` for a stream with an encoding and a size (width, height)."""
         self.path, self.count = path, 0
         self.keys: list[int] = []
         self._file = path.open("wb")
@@ -304,7 +315,7 @@ class StreamFile:
         self._file.write(head + SEGMENT.to_bytes(4, "big") + unknown + info + _element(TRACKS, _element(ENTRY, entry)))
 
     def add(self, data: bytes, *, key: bool) -> None:
-        """Write the next picture."""
+        """Write the next picture, with a time of its number; `key`: it is a key frame."""
         if key:
             self.keys.append(self.count)
         block = _element(SIMPLE_BLOCK, BLOCK_HEAD + (b"\x80" if key else b"\0") + data)
@@ -312,7 +323,7 @@ class StreamFile:
         self.count += 1
 
     def close(self) -> None:
-        """End the file."""
+        """Close the file; it is complete."""
         self._file.close()
 
 

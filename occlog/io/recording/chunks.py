@@ -50,7 +50,7 @@ def is_of_occlog(path: Path) -> bool:
 
 
 def damaged_mcap(path: Path, what: str) -> InputError:
-    """Message about a damaged file: fault and remedy."""
+    """Return the InputError for a damaged file: the fault `what`, and the remedy."""
     return InputError(
         f"{path}: damaged MCAP file: {what}; copy it again, or salvage it: {SALVAGE.format(path=path)}",
         id="damaged-file",
@@ -99,7 +99,7 @@ class ChunkSize(NamedTuple):
 
 
 def chunk_head(data: bytes) -> ChunkHead:
-    """Parse the header of a chunk; struct.error or UnicodeDecodeError if invalid."""
+    """Parse the header at the beginning of a chunk's data; struct.error or UnicodeDecodeError if invalid."""
     _, _, declared, crc = CHUNK_HEAD.unpack_from(data)
     (n,) = _LENGTH.unpack_from(data, CHUNK_HEAD.size)
     name = CHUNK_HEAD.size + _LENGTH.size
@@ -107,7 +107,10 @@ def chunk_head(data: bytes) -> ChunkHead:
 
 
 def unpacked(data: bytes, compression: str, declared: int) -> bytes:
-    """Decompressed records of a chunk; ValueError if larger than declared or allowed."""
+    """Decompressed records of a chunk; ValueError if larger than declared or allowed.
+
+    `compression` is zstd, lz4 or empty, `declared` the number of decompressed bytes.
+    """
     stated = max(declared, stated_size(data, compression))
     if stated > MAX_CHUNK_BYTES:
         raise ValueError(f"unpacks to {stated} bytes; the limit is {MAX_CHUNK_BYTES}")
@@ -122,7 +125,7 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
 
 
 def records_at(file: IO[bytes], at: int) -> bytes:
-    """Decompressed records of the chunk at a byte; empty if damaged (reported when it is read)."""
+    """Decompressed records of the chunk at byte `at`; empty if damaged (reported when it is read)."""
     file.seek(at)
     _, length = HEAD.unpack(file.read(HEAD.size))
     data = file.read(length)
@@ -145,7 +148,7 @@ def stated_size(data: bytes, compression: str) -> int:
 
 
 def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
-    """Sizes of a chunk; InputError if it would decompress to an implausible amount of memory.
+    """Sizes of the chunk that an index entry lists; InputError if it would decompress to too much.
 
     LZ4 data that could exceed the limit is decompressed in parts, which are discarded.
     """
@@ -170,7 +173,7 @@ def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> ChunkSize:
 
 
 def _lz4_size(file: IO[bytes], packed: int) -> int:
-    """Decompressed size of LZ4 data [bytes], counted up to the limit."""
+    """Decompressed size [bytes] of the next `packed` bytes of a file, LZ4 data, counted up to the limit."""
     unpacker, size = lz4.frame.LZ4FrameDecompressor(), 0
     while packed > 0 and not unpacker.eof and size <= MAX_CHUNK_BYTES:
         part = file.read(min(_PART, packed))
@@ -195,7 +198,7 @@ class DecompressionCount:
         self._unpacked, self._free = 0, FREE_RECORDS
 
     def add(self, packed: int, records: bytes) -> None:
-        """Add a chunk by its compressed size and decompressed records; InputError if the total is too large."""
+        """Count a chunk of `packed` bytes by its decompressed records; InputError if the total is too large."""
         self.add_bytes(len(records))
         beyond = _most_beyond(ChunkSize(packed, len(records)))
         if beyond > 0:
@@ -209,7 +212,7 @@ class DecompressionCount:
             )
 
     def add_bytes(self, unpacked: int) -> None:
-        """Add decompressed bytes; InputError if the total is too large."""
+        """Count a number of decompressed bytes (`unpacked`); InputError if the total is too large."""
         self._unpacked += unpacked
         most = max_decompressed_bytes(self._size)
         if self._unpacked > most:
@@ -223,7 +226,7 @@ class DecompressionCount:
 def check_growth(path: Path, file: IO[bytes], chunks: Sequence[tuple[int, ChunkSize]]) -> None:
     """InputError if chunks, given by first byte and sizes, decompress to too much in total.
 
-    They are decompressed only if stated sizes do not decide it.
+    They are decompressed only if stated sizes do not decide it. `path` is for messages.
     """
     promised, growth = DecompressionCount(path), DecompressionCount(path)
     for _, size in chunks:

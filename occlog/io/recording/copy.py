@@ -59,7 +59,7 @@ def copy_recording(
 
 
 def _copy_messages(reader: McapMessages, writer: Writer) -> int:
-    """Copy all messages in file order."""
+    """Copy all messages in file order, with their schemas and channels; return their number."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
     count = 0
@@ -78,7 +78,10 @@ def _copy_messages(reader: McapMessages, writer: Writer) -> int:
 def moved_metadata(
     name: str, values: dict[str, str], source: Path, path: Path, provenance: Provenance
 ) -> dict[str, str]:
-    """Metadata record for the copy; links to videos are relative to the new folder."""
+    """Metadata record `name` for the copy of `source` at `path`; links to videos are relative to the new folder.
+
+    The main record gets the format and the provenance of the copy, others are unchanged.
+    """
     if name == METADATA:
         return {"format": FORMAT, "provenance": provenance.json()}
     if name.startswith(VIDEO_METADATA) and "path" in values:

@@ -99,7 +99,7 @@ def _state(stat: os.stat_result) -> tuple[int, ...]:
 
 @lru_cache(maxsize=4)
 def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG001
-    """Whether a file's index lists all its content; cached while the file is unchanged."""
+    """Whether a file's index lists all its content; cached while the file is unchanged (`state`)."""
     with path.open("rb") as file, translate_mcap(path, file):
         summary = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES).get_summary()
         return summary is not None and is_index_complete(file, summary)
@@ -107,7 +107,7 @@ def _has_whole_index(path: Path, state: tuple[int, ...]) -> bool:  # noqa: ARG00
 
 @lru_cache(maxsize=4)
 def _made_index(path: Path, state: tuple[int, ...]) -> RebuiltIndex:  # noqa: ARG001
-    """Rebuilt index of a file; cached while the file is unchanged."""
+    """Rebuilt index of a file; cached while the file is unchanged (`state`)."""
     with path.open("rb") as file, translate_mcap(path, file):
         return rebuild_index(path, file)
 
@@ -138,7 +138,7 @@ def check_index(path: Path) -> None:
 
 @lru_cache(maxsize=4)
 def _check_growth(path: Path, state: tuple[int, ...], chunks: tuple[tuple[int, ChunkSize], ...]) -> None:  # noqa: ARG001
-    """InputError if the chunks of a file decompress to too much; cached while the file is unchanged."""
+    """InputError if the chunks of a file decompress to too much; cached while the file is unchanged (`state`)."""
     with path.open("rb") as file, translate_mcap(path, file):
         check_growth(path, file, chunks)
 
@@ -185,7 +185,14 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
 
 
 def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:
-    """Data of an attachment with a valid check sum."""
+    """Data of an attachment of a recording; InputError for a wrong check sum, or an incomplete record.
+
+    Args:
+        path: file, for messages.
+        file: the same file, open for reading.
+        offset: byte at which the record of the attachment begins.
+        length: of the record [bytes].
+    """
     file.seek(offset)
     raw = file.read(length)
     crc = struct.unpack("<I", raw[-4:])[0]

@@ -79,7 +79,7 @@ def damaged_metadata(records: Mapping[str, Mapping[str, str]]) -> list[str]:
 
 
 def wrong_metadata(path: Path, name: str, at: int) -> InputError:
-    """Create the error for a damaged record."""
+    """Return the InputError for the damaged metadata record `name` at byte `at`."""
     return damaged_mcap(path, f"the metadata {name!r} at byte {at} changed since they were written (wrong digest)")
 
 
@@ -107,13 +107,13 @@ def is_video_header(path: Path) -> bool:
 
 
 def leaves_folder(recording: Path, location: str) -> bool:
-    """Whether a link in a recording leads out of its folder, by its name or through symbolic links."""
+    """Whether a link in a recording, to `location`, leads out of its folder, by its name or through symbolic links."""
     lies = (recording.parent / location).resolve()
     return ".." in PurePosixPath(location).parts or not lies.is_relative_to(recording.parent.resolve())
 
 
 def linked_path(recording: Path, sensor: str, location: str) -> Path:
-    """The video file of a camera.
+    """The video file of a camera that a recording links to.
 
     Args:
         recording: file that has the link.
@@ -121,8 +121,9 @@ def linked_path(recording: Path, sensor: str, location: str) -> Path:
         location: of the video as the recording states it, relative to the recording's folder.
 
     Raises:
-        InputError: if the position is absolute, if no regular file that can be read is there, or if it leads out of the
-            folder and to a file that is no video.
+        InputError: the location is absolute, no regular file that can be read is there, or it leads out of the folder
+            and
+            to a file that is no video.
     """
     where = f"{recording}: camera {sensor}"
     if Path(location).is_absolute():

@@ -64,7 +64,10 @@ class LinkedVideo:
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
-    """Open the linked video of a camera; InputError if missing or changed."""
+    """Open the linked video of a camera (`sensor`); InputError if missing or changed.
+
+    `link` has path and SHA-256 of the video; None: the recording has none.
+    """
     where = f"{recording}: camera {sensor}"
     if not link or "path" not in link or "sha256" not in link:
         raise InputError(f"{where}: has frame times but no link to its video; ingest it again", id="wrong-content")
@@ -84,7 +87,7 @@ ROWS_PER_CHUNK = 16_384
 
 @dataclass(frozen=True)
 class McapChannel:
-    """A channel of the file."""
+    """A channel of an MCAP file."""
 
     name: str
     schema: str
@@ -154,7 +157,10 @@ class McapRecording:
         return table.concat(self.tables(table))
 
     def frames(self, sensors: Iterable[str] | None = None) -> Iterator[Frame]:
-        """Generate the frames of cameras sorted by time; InputError if a camera's times do not increase."""
+        """Generate the frames of cameras sorted by time; InputError if a camera's times do not increase.
+
+        `sensors` are the names of the cameras; None: all.
+        """
         wanted = set(self.cameras if sensors is None else sensors)
         topics = {t.name: t for t in self.topics if _is_image(t) and sensor_of(t.name) in wanted}
         linked: dict[str, LinkedVideo] = {}
@@ -187,7 +193,10 @@ class McapRecording:
         return stamp or t_ns, partial(decode_apart, image, where), image
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
-        """Generate (topic, log time, data, sequence) sorted by time."""
+        """Generate the messages of topics sorted by time: topic, log time [ns], data, sequence number.
+
+        InputError if there are fewer than the index states.
+        """
         if not topics:
             return
         declared, found = sum(t.messages for t in self.topics if t.name in topics), 0
@@ -238,7 +247,7 @@ def _is_image(topic: McapChannel) -> bool:
 
 
 def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
-    """InputError if the recording time [ns] of a message is out of range."""
+    """InputError if the recording time `t_ns` [ns] of message `number` of a topic is out of range."""
     try:
         bounded_ns(t_ns)
     except ValueError as error:
@@ -248,7 +257,10 @@ def check_recorded(t_ns: int, path: Path, topic: str, number: int) -> None:
 
 
 def parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
-    """Parse a foxglove.CompressedImage: sensor time [ns] (0 if not given) and compressed bytes."""
+    """Parse a foxglove.CompressedImage: sensor time [ns] (0 if not given) and compressed bytes.
+
+    `encoding` is json or protobuf; InputError for other data.
+    """
     try:
         if encoding == "json":
             message = msgspec.json.decode(data, type=_JsonImage)

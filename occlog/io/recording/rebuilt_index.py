@@ -92,7 +92,7 @@ class RebuiltIndex(NamedTuple):
 
 
 def is_index_complete(file: IO[bytes], summary: Summary) -> bool:
-    """Whether an index is complete, by its statistics and by the message indexes after chunks."""
+    """Whether the index `summary` is complete, by its statistics and by the message indexes after chunks."""
     return _agrees_with_itself(summary) and _agrees_with_chunks(file, summary)
 
 
@@ -162,7 +162,10 @@ def rebuild_index(path: Path, file: IO[bytes]) -> RebuiltIndex:
 
 
 def check_index_statistics(path: Path, declared: Summary | None, made: Summary) -> None:
-    """InputError unless a file holds as much as the statistics of its own index state."""
+    """InputError unless a file holds as much as the statistics of its own index state.
+
+    `declared` is its index (None: it has none), `made` the one rebuilt from its content.
+    """
     if declared is None or declared.statistics is None:
         return
     for what in ("message", "attachment", "metadata"):
@@ -243,7 +246,7 @@ class _Pass:
         raise self._damaged("the end of the data is missing")
 
     def _check_end(self, at: int, size: int) -> None:
-        """InputError unless only an index follows the end of the data."""
+        """InputError unless only an index follows the end of the data at byte `at`; `size` is that of the file."""
         behind = byte_after_end(self._file, at, size)
         if behind is None:
             raise self._damaged(f"behind the end of the data at byte {at} are other data than an index")
@@ -251,7 +254,7 @@ class _Pass:
             raise self._damaged(f"{size - behind} bytes follow its end mark at byte {behind}")
 
     def _sum(self, head: bytes, length: int) -> None:
-        """Update the check sum of the data."""
+        """Update the check sum of the data by the head of a record and the next `length` bytes of the file."""
         self._crc = zlib.crc32(head, self._crc)
         while length > 0:
             block = self._file.read(min(length, _BLOCK))
@@ -306,7 +309,7 @@ class _Pass:
             self._summary.chunk_indexes.append(index)
 
     def _message(self, at: int, head: bytes) -> tuple[int, int]:
-        """Count a message; return its channel and time [ns]."""
+        """Count the message at byte `at`, of which `head` is the beginning; return its channel and time [ns]."""
         channel, _, log_ns, _ = MESSAGE_HEAD.unpack(head)
         if channel not in self._summary.channels:
             raise self._damaged(f"a message at byte {at} is of channel {channel}, which is not defined")
@@ -331,7 +334,10 @@ class _Pass:
             raise self._damaged(f"{what} {found.id} is defined a second time, and otherwise, at byte {at}")
 
     def _attachment(self, at: int, length: int) -> AttachmentIndex:
-        """Process an attachment without reading its data, which may be large."""
+        """Index entry of the attachment record at byte `at`, which has `length` bytes of content.
+
+        Its data, which may be large, is not read.
+        """
         stream = _stream(self._file.read(min(length, _BLOCK)))
         log_time, create_time = stream.read8(), stream.read8()
         name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
@@ -360,7 +366,7 @@ class McapMessages(Protocol):
     """Interface to the messages, attachments and metadata of an MCAP file."""
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Generate the messages of some or all topics, in the order of time or of the file."""
+        """Generate the messages of some topics (None: all), in the order of time or of the file."""
 
     def iter_attachments(self) -> Iterator[Attachment]:
         """Generate all attachments."""
@@ -379,7 +385,7 @@ class RebuiltIndexReader:
         self._chunked = _Given(file, self._summary)
 
     def iter_messages(self, topics: Collection[str] | None = None, *, log_time_order: bool = True) -> Iterator[Found]:
-        """Generate the messages of some or all topics.
+        """Generate the messages of some topics (None: all), in the order of time or of the file.
 
         Messages of one time are in file order, those in chunks before those outside.
         """

@@ -116,7 +116,10 @@ class RowCollector(Generic[T]):
         self._columns = {c.name: "" if c.kind == "U" else None for c in _listed(table)}
 
     def add(self, topic: str, data: bytes) -> None:
-        """Append the rows of a message; InputError if it does not fit the table, or rows are too many."""
+        """Append the rows of a message of a topic; InputError if it does not fit the table, or rows are too many.
+
+        `data` is the encoded message.
+        """
         if len(data) > MAX_MESSAGE_BYTES:
             raise InputError(
                 f"{self._source}: topic {topic}: a message of {len(data)} bytes; rows are read of messages of at most "

@@ -79,8 +79,8 @@ class RecordingWriter:
         """Prepare to write `path`; OutputExistsError if it is there and may not be replaced.
 
         UsageError for a name that promises another format than MCAP.
-
         With `together` the file, and those written with the attribute of this name, appear at its end.
+        `scene` and `provenance` are stored in the file.
         """
         self.together = together
         self._path = Path(path)
@@ -101,18 +101,21 @@ class RecordingWriter:
         return self
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
-        """Add a compressed image ("png" or "jpeg") as `foxglove.CompressedImage`."""
+        """Add a compressed image of a camera as `foxglove.CompressedImage`.
+
+        `kind` is png or jpeg, `index` the frame number, `t_ns` its time [ns].
+        """
         message = CompressedImage(frame_id=sensor, data=data, format=kind)
         message.timestamp.FromNanoseconds(t_ns)
         channel = self._channel(f"/camera/{sensor}/image", CompressedImage.DESCRIPTOR.full_name, "protobuf")
         self._add(channel, t_ns, message.SerializeToString(), index)
 
     def video(self, sensor: str, path: str, sha256: str) -> None:
-        """Declare that frames of `sensor` are in a video file; `path` is relative to the recording."""
+        """Declare that frames of `sensor` are in a video file, of a SHA-256; `path` is relative to the recording."""
         self._videos[sensor] = {"path": path, "sha256": sha256}
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
-        """Add the time of one frame of a linked video."""
+        """Add the time `t_ns` [ns] of frame `index` of a linked video."""
         channel = self._channel(f"/camera/{sensor}/video", VIDEO_FRAME, "json")
         self._add(channel, t_ns, json.dumps({"t_ns": t_ns, "index": index}).encode(), index)
 
@@ -135,7 +138,16 @@ class RecordingWriter:
         data: bytes,
         coded: tuple[str, str] = PROTOBUF,
     ) -> None:
-        """Add a message; `described` creates each schema once, in the language named by `coded`."""
+        """Add a message of a topic, at `t_ns` [ns].
+
+        Args:
+            topic: of the message.
+            schema: its name.
+            described: creates the schema, called once for each.
+            t_ns: time [ns].
+            data: encoded message.
+            coded: encoding of messages, and language of the schema.
+        """
         encoding, language = coded
         if schema not in self._schemas:
             self._register(schema, language, described())
@@ -144,7 +156,7 @@ class RecordingWriter:
         self._add(self._channel(topic, schema, encoding), t_ns, data, sequence)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Attach a file."""
+        """Attach a file with this name, media type and content."""
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
 
     def annotate(self, provenance: Provenance) -> None:

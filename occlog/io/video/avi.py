@@ -65,7 +65,7 @@ class _AviScan:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """Parse the video frames of the file, and its faults."""
+    """Return the times of the video frames of an AVI file, and its faults; damage does not raise."""
     found = _AviScan()
     try:
         _walk_top(data, found)
@@ -97,7 +97,10 @@ def _walk_top(data: mmap.mmap, found: _AviScan) -> None:
 
 
 def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> Iterator[ByteRange]:
-    """Generate the chunks between two bytes; `padded`: zeros after the first one end them."""
+    """Generate the chunks from byte `start` up to `stop`; `padded`: zeros after the first one end them.
+
+    BrokenContainerError where no chunk begins.
+    """
     first = start
     while start + 8 <= stop:
         kind = data[start : start + 4]
@@ -117,7 +120,10 @@ def _is_name(kind: bytes) -> bool:
 
 
 def _video_stream(data: mmap.mmap, header: ByteRange) -> _Stream:
-    """Parse the first video stream."""
+    """Parse the first video stream that the header lists.
+
+    BrokenContainerError if there is none, or its frame rate is impossible.
+    """
     number = 0
     for part in _chunks(data, header.start + 4, min(header.stop, len(data))):
         if part.kind != b"LIST" or data[part.start : part.start + 4] != b"strl":
@@ -176,7 +182,7 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
     """(n, 3) frame number, position and size of the readable chunks of a stream, in the order of the file.
 
     Chunks are numbered in sequence. After a damaged header the index gives the number of the next chunk that is found
-    at its indexed position; without an index, numbering ends there.
+    at its indexed position; without an index, numbering ends there. `tag` begins the names of the stream's chunks.
     """
     out = array("q")
     index: tuple[Ints, Ints] | None = None
@@ -206,7 +212,10 @@ def _numbered_chunks(data: mmap.mmap, found: _AviScan, tag: bytes) -> Ints:
 
 
 def _index(data: mmap.mmap, found: _AviScan, tag: bytes) -> tuple[Ints, Ints]:
-    """First byte and frame number, both increasing, of the stream's chunks found at their indexed positions."""
+    """First byte and frame number, both increasing, of the stream's chunks found at their indexed positions.
+
+    `tag` begins the names of the stream's chunks.
+    """
     none = np.zeros(0, dtype=np.int64)
     if found.index is None or not found.movies:
         return none, none

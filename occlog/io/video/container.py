@@ -38,7 +38,10 @@ OTHER_MIRROR = "at another angle"
 
 
 def mirror_of(a: float, b: float, c: float, d: float) -> str:
-    """Reflection in a display matrix, one of `MIRRORS` or `OTHER_MIRROR`; '' if there is none."""
+    """Reflection in a display matrix x' = a x + c y, y' = b x + d y, one of `MIRRORS` or `OTHER_MIRROR`.
+
+    Empty if there is none.
+    """
     signs = tuple((each > 0) - (each < 0) for each in (a, b, c, d))
     return MIRRORS.get(signs, OTHER_MIRROR) if a * d < b * c else ""
 
@@ -90,7 +93,7 @@ class Faults:
         self._count = 0
 
     def append(self, fault: tuple[str, str]) -> None:
-        """Add a fault."""
+        """Add a fault (position, description); of many, the rest is counted."""
         if len(self._reported) < MAX_FAULTS:
             self._reported.append(fault)
             return
@@ -98,7 +101,7 @@ class Faults:
         self._count += 1
 
     def __bool__(self) -> bool:
-        """Whether there are faults."""
+        """Whether any fault was added."""
         return bool(self._reported)
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
@@ -128,7 +131,8 @@ class ByteRange:
 def let_go(data: mmap.mmap, upto: int, done: int) -> int:
     """Release the mapped memory of the part already read, occasionally; return the byte up to which it is released.
 
-    Pages of a mapped file count as the process's memory while they are mapped.
+    Pages of a mapped file count as the process's memory while they are mapped. `upto` is the byte up to which the file
+    is read, `done` what the last call returned.
     """
     if upto - done < RELEASE_BYTES:
         return done
@@ -143,7 +147,7 @@ def unknown_frames(kind: str, *problems: tuple[str, str]) -> Container:
 
 
 def unpack(data: mmap.mmap, layout: str, byte: int) -> tuple[int, ...]:
-    """`struct.unpack_from` that raises BrokenContainerError at the end of the data."""
+    """Numbers at a byte, by a layout of `struct`; BrokenContainerError at the end of the data."""
     try:
         return struct.unpack_from(layout, data, byte)
     except struct.error:
@@ -151,7 +155,7 @@ def unpack(data: mmap.mmap, layout: str, byte: int) -> tuple[int, ...]:
 
 
 def cut_short(size: int, wanted: int, part: str) -> tuple[str, str]:
-    """Fault of a file that is shorter than declared."""
+    """Position and text of the fault of a file of `size` bytes that would need `wanted` for its `part`."""
     return (
         f"byte {size}",
         f"the file ends {wanted - size} bytes before the end of its {part} (it was cut, or its recorder was stopped)",

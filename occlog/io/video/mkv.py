@@ -75,7 +75,7 @@ def recognised(data: mmap.mmap) -> bool:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """Parse the video frames of the file, and its faults."""
+    """Return the times of the video frames of a Matroska or WebM file, and its faults; damage does not raise."""
     found = _MkvScan()
     try:
         header = element(data, 0, len(data))
@@ -93,7 +93,7 @@ def parse(data: mmap.mmap) -> Container:
 
 
 def element(data: mmap.mmap, at: int, stop: int) -> Element:
-    """Parse the element at a byte; BrokenContainerError if invalid."""
+    """Parse the element at byte `at`; BrokenContainerError if invalid, or at `stop`."""
     if at >= min(stop, len(data)):
         raise BrokenContainerError(at, "the data ends here")
     first = data[at]
@@ -111,7 +111,7 @@ def element(data: mmap.mmap, at: int, stop: int) -> Element:
 
 
 def children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
-    """Generate consecutive elements between two bytes; BrokenContainerError if invalid."""
+    """Generate consecutive elements from byte `start` up to `stop`; BrokenContainerError if invalid."""
     at = start
     while at < stop:
         child = element(data, at, stop)
@@ -142,7 +142,10 @@ def _segment(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
 
 
 def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
-    """Parse one top-level element; return the byte after it."""
+    """Parse one top-level element, which ends at `stop` at the latest, and add what it holds to `found`.
+
+    Return the byte after it.
+    """
     end = part.stop
     if end is not None and end > stop:
         if part.id != CLUSTER:
@@ -165,7 +168,10 @@ def _part(data: mmap.mmap, part: Element, stop: int, found: _MkvScan) -> int:
 
 
 def _check_sum(data: mmap.mmap, part: Element, end: int, found: _MkvScan) -> None:
-    """Verify a CRC-32 element against the content after it (RFC 8794 sec. 11.3.1)."""
+    """Verify a CRC-32 element at the beginning of an element against the content after it (RFC 8794 sec. 11.3.1).
+
+    `end` is the byte after the element; a wrong check sum is added to the problems.
+    """
     if data[part.start : part.start + 2] != b"\xbf\x84" or end - part.start < 6:
         return
     (stated,) = struct.unpack_from("<I", data, part.start + 2)
@@ -212,7 +218,10 @@ def _tracks(data: mmap.mmap, start: int, stop: int, found: _MkvScan) -> None:
 
 
 def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_end: bool) -> int:
-    """Parse the frames of a cluster; return the byte after it."""
+    """Parse the frames of a cluster from byte `start` up to `stop`, and add their times; return the byte after it.
+
+    `open_end`: its size is unknown, so that the next top-level element ends it.
+    """
     at, base = start, 0
     while at < stop:
         e = element(data, at, stop)
@@ -235,7 +244,10 @@ def _cluster(data: mmap.mmap, start: int, stop: int, found: _MkvScan, *, open_en
 
 
 def _block(data: mmap.mmap, e: Element, base: int, found: _MkvScan) -> None:
-    """Add the time of a block of the video track, unless its picture is marked invisible."""
+    """Add the time of a block of the video track, unless its picture is marked invisible.
+
+    `e` is the block, `base` the time of its cluster [ticks].
+    """
     stop = e.stop or e.start
     if e.start + 4 > stop or not data[e.start]:
         raise BrokenContainerError(e.head, "a block without a header")
@@ -325,7 +337,7 @@ def _number(data: mmap.mmap) -> None:
 
 
 def _below(data: mmap.mmap, parent: Element, path: Sequence[int]) -> Iterator[Element]:
-    """Elements at a path of identifiers."""
+    """Generate the elements at a path of identifiers below `parent`."""
     for child in children(data, parent.start, len(data) if parent.stop is None else parent.stop):
         if child.id == path[0]:
             yield from _below(data, child, path[1:]) if len(path) > 1 else [child]

@@ -44,7 +44,10 @@ class VideoSampleTable(NamedTuple):
 
 
 def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[ByteRange]:
-    """Generate the boxes between two bytes as content ranges, which may end beyond the end of the file."""
+    """Generate the boxes from byte `start` up to `stop` as content ranges, which may end beyond the end of the file.
+
+    BrokenContainerError where no box begins.
+    """
     stop = min(stop, len(data))
     while start + 8 <= stop:
         size, kind = struct.unpack_from(">I4s", data, start)
@@ -66,7 +69,7 @@ def box_name(kind: bytes) -> str:
 
 
 def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None:
-    """First box with a path of names inside a range; None if missing."""
+    """First box with a path of names inside the range `span`; None if missing."""
     for kind in path:
         found = next((b for b in boxes(data, span.start, span.stop) if b.kind == kind), None)
         if found is None:
@@ -76,7 +79,7 @@ def find_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange | None
 
 
 def need_box(data: mmap.mmap, span: ByteRange, *path: bytes) -> ByteRange:
-    """First box with a path of names; BrokenContainerError if missing."""
+    """First box with a path of names inside the range `span`; BrokenContainerError if missing."""
     found = find_box(data, span, *path)
     if found is None:
         raise BrokenContainerError(span.start, f"box {'/'.join(box_name(p) for p in path)} is missing")
@@ -92,7 +95,10 @@ def ticks_per_second(data: mmap.mmap, box: ByteRange) -> int:
 
 
 def read_table(data: mmap.mmap, box: ByteRange | None, width: int, dtype: str, head: int = 4) -> Ints:
-    """(n, width) entries of a table box with a count, as int64; empty if the box is missing."""
+    """(n, width) entries of a table box with a count, as int64; empty if the box is missing (None).
+
+    `dtype` is that of the numbers in the file, `head` the number of bytes before the count.
+    """
     if box is None:
         return np.zeros((0, width), dtype=np.int64)
     (count,) = unpack(data, ">I", box.start + head)
@@ -105,7 +111,10 @@ def read_table(data: mmap.mmap, box: ByteRange | None, width: int, dtype: str, h
 def read_fragments(
     data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], track_id: int, scale: int
 ) -> VideoSampleTable:
-    """Parse the samples of movie fragments."""
+    """Parse the samples of track `track_id` in the movie fragments `moofs`.
+
+    `moov` has the defaults, `scale` is the number of ticks per second.
+    """
     defaults = _track_defaults(data, moov, track_id)
     found = _Mp4Fragments()
     clock = 0
@@ -132,7 +141,10 @@ class _Mp4Fragments:
 
 
 def _track_defaults(data: mmap.mmap, moov: ByteRange, track_id: int) -> tuple[int, int]:
-    """Default duration and size of a fragment's samples."""
+    """Default duration [ticks] and size [bytes] of the samples of track `track_id` in fragments; 0, 0 if not stated.
+
+    They are in a box `trex` of the box `moov` of the file `data`.
+    """
     mvex = find_box(data, moov, b"mvex")
     for trex in boxes(data, mvex.start, mvex.stop) if mvex is not None else ():
         if trex.kind == b"trex" and unpack(data, ">I", trex.start + 4)[0] == track_id:
@@ -149,7 +161,17 @@ def _fragment(
     clock: int,
     found: _Mp4Fragments,
 ) -> int:
-    """Add the samples of one track fragment; time after it."""
+    """Add the samples of one track fragment to `found`; return the time after it [ticks].
+
+    Args:
+        data: the file.
+        moof: movie fragment.
+        traf: track fragment in it.
+        tfhd: its header.
+        defaults: duration and size of samples.
+        clock: time before it [ticks].
+        found: updated.
+    """
     flags = unpack(data, ">I", tfhd.start)[0] & 0xFFFFFF
     at = tfhd.start + 8
     base = moof.start - 8
@@ -213,7 +235,7 @@ def recognised(data: mmap.mmap) -> bool:
 
 
 def parse(data: mmap.mmap) -> Container:
-    """Parse the video frames of the file, and its faults."""
+    """Return the times of the video frames of an MP4 or QuickTime file, and its faults; damage does not raise."""
     problems: list[tuple[str, str]] = []
     top: list[ByteRange] = []
     try:
@@ -257,7 +279,7 @@ def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problem
         return unknown_frames("mp4", *problems)
     time, broken = time[shown], broken[shown]
     if len(time) and int(time[-1] - time[0]) > LATEST // NS * samples.scale:
-        raise BrokenContainerError(moov.start, "times of samples beyond 2^62 ns")
+        raise BrokenContainerError(moov.start, "times of frames beyond 2^62 ns")
     pts = _ticks_to_ns(time - time[0], samples.scale) if len(time) else time
     lasting = samples.duration[samples.duration > 0]
     step = int(np.median(lasting)) if len(lasting) else 0
@@ -266,7 +288,10 @@ def _container(data: mmap.mmap, moov: ByteRange, moofs: list[ByteRange], problem
 
 
 def _video_track(data: mmap.mmap, moov: ByteRange) -> tuple[ByteRange, int, str]:
-    """Video track, its number, and the reflection in its display matrix (ISO/IEC 14496-12 sec. 8.3.2)."""
+    """Video track, its number, and the reflection in its display matrix (ISO/IEC 14496-12 sec. 8.3.2).
+
+    BrokenContainerError if `moov` has no video track.
+    """
     for trak in (b for b in boxes(data, moov.start, moov.stop) if b.kind == b"trak"):
         hdlr = find_box(data, trak, b"mdia", b"hdlr")
         if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
@@ -314,7 +339,10 @@ def _runs(table: Ints, n: int) -> Ints:
 
 
 def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
-    """(n,) file position of every sample."""
+    """(n,) file position of every sample; `stbl` is the sample table, `size` (n,) are the samples' sizes.
+
+    BrokenContainerError if tables contradict each other.
+    """
     chunks = read_table(data, find_box(data, stbl, b"stco"), 1, ">u4")[:, 0]
     if not len(chunks):
         chunks = read_table(data, find_box(data, stbl, b"co64"), 1, ">u8")[:, 0]
@@ -337,7 +365,10 @@ def _offsets(data: mmap.mmap, stbl: ByteRange, size: Ints) -> Ints:
 
 
 def _edited(data: mmap.mmap, moov: ByteRange, trak: ByteRange, samples: VideoSampleTable, time: Ints) -> Bools | None:
-    """(n,) mask of the samples shown by the edit list, sorted by time; None if it joins separate segments."""
+    """(n,) mask of the samples shown by the edit list, sorted by time; None if it joins separate segments.
+
+    `time` (n,) are the rising times of the samples [ticks].
+    """
     elst = find_box(data, trak, b"edts", b"elst")
     if elst is None:
         return np.ones(len(time), dtype=np.bool_)

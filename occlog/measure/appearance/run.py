@@ -85,7 +85,7 @@ class SightingInput:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses recorded in the inputs."""
+        """Losses recorded in the provenance of the inputs."""
         return input_losses([self._images, self._boxes, self._tracks])
 
     def boxes(self) -> Iterator[FrameBoxes]:
@@ -122,7 +122,7 @@ class SightingInput:
 
 
 def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Learn the gallery and write it; return the summary and the losses."""
+    """Learn the gallery of appearances from boxes and images, and write it; return the summary and the losses."""
     if request.boxes is not None and request.views is not None:
         raise UsageError(
             f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them",
@@ -157,7 +157,14 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 def _figures(gallery: Gallery, tally: SightingTally) -> dict[str, object]:
-    """Figures of the summary; `sides` lists the viewing angles learned for each target."""
+    """Figures of the summary: numbers of frames, boxes and samples, and what the gallery holds.
+
+    `sides` has the angles learned for each target, as text, by the target's id.
+
+    Args:
+        gallery: what was learned.
+        tally: what was read.
+    """
     sides: dict[int, list[int]] = {}
     for target, angle in zip(gallery.target_id.tolist(), gallery.angle.tolist(), strict=True):
         sides.setdefault(target, []).append(angle)

@@ -32,9 +32,9 @@ AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi
 
 
 def expected_boxes(camera: Camera, xy: Floats, height: float) -> Floats:
-    """(K, 4) left, top, right, bottom [px] of upright people at positions (K, 2); NaN unless entirely in front.
+    """(K, 4) left, top, right, bottom [px] of upright people at positions `xy` (K, 2); NaN unless entirely in front.
 
-    A person is a cylinder on the floor, `WIDTH` times as wide as high.
+    A person is a cylinder on the floor, of a height in scene units, `WIDTH` times as wide as high.
     """
     ring = xy[:, None] + 0.5 * WIDTH * height * AROUND
     rows = [np.concatenate([ring, np.full((*ring.shape[:2], 1), z)], axis=2) for z in (0.0, height)]
@@ -44,7 +44,7 @@ def expected_boxes(camera: Camera, xy: Floats, height: float) -> Floats:
 
 
 def overlaps(a: Floats, b: Floats) -> Floats:
-    """(n, K) intersection areas of boxes (n, 4) and (K, 4), given by edges; 0 for NaN."""
+    """(n, K) intersection areas of boxes a (n, 4) and b (K, 4): left, top, right, bottom; 0 for NaN."""
     corner = np.minimum(a[:, None, 2:], b[None, :, 2:]) - np.maximum(a[:, None, :2], b[None, :, :2])
     return np.asarray(np.nan_to_num(np.prod(np.maximum(corner, 0.0), axis=2)))
 
@@ -72,7 +72,10 @@ def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> In
 
 
 def covered(boxes: Floats) -> Floats:
-    """(n,) largest share of each box covered by the box of a nearer person (with lower feet in the image)."""
+    """(n,) largest share of each of the boxes (n, 4) covered by that of a nearer person.
+
+    A nearer person has lower feet in the image; boxes are left, top, right, bottom.
+    """
     nearer = boxes[None, :, 3] > boxes[:, None, 3]
     share = np.where(nearer, overlaps(boxes, boxes), 0.0) / areas(boxes)[:, None]
     return np.asarray(share.max(axis=1, initial=0.0))
@@ -125,7 +128,10 @@ def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_spe
 
 
 def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleAtTimes:
-    """All people at times (N,), linearly interpolated over gaps of at most `limit_ns`."""
+    """All people at the times `t_ns` (N,) [ns], linearly interpolated over gaps of at most `limit_ns` [ns].
+
+    `paths` has the path of each identity.
+    """
     identity = np.array(sorted(paths), dtype=np.int32)
     n, k = len(t_ns), len(identity)
     xy, heading = np.full((n, k, 2), np.nan), np.full((n, k, 2), np.nan)
@@ -226,7 +232,7 @@ class SightingTally:
     last_ns: int = -1
 
     def losses(self) -> tuple[Loss, ...]:
-        """Losses of the input."""
+        """Losses of boxes without a frame, and of frames that cannot be decoded."""
         gone = [Loss(name, "boxes", "there is no frame of that number", n) for name, n in sorted(self.missing.items())]
         bad = [Loss(name, "frames", "cannot be decoded", n) for name, n in sorted(self.undecoded.items())]
         return (*gone, *bad)
@@ -235,7 +241,7 @@ class SightingTally:
 def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[FrameBoxes]:
     """Generate boxes frame by frame, sorted by time and camera name; frames without boxes are skipped.
 
-    Regions that the fusion of detections added or removed are skipped, too.
+    Regions that the fusion of detections added or removed are skipped, too. InputError if times go back.
     """
     for table in _whole_times(chunks):
         if isinstance(table, Views):
@@ -264,7 +270,7 @@ def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Frame
 
 
 def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | Views]:
-    """Rechunk rows so that no time is split."""
+    """Generate the rows in other chunks, so that no time is split; InputError if times go back."""
     held: Boxes | Views | None = None
     for chunk in chunks:
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
@@ -290,7 +296,7 @@ def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, Pe
 def paths_of_boxes(
     chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, config: SightingConfig
 ) -> dict[int, PersonPath]:
-    """Paths of the identities of boxes: floor positions below the middle of their lower edges.
+    """Path of each identity of boxes: floor positions below the middle of their lower edges.
 
     They are averaged over the cameras at one time; boxes with a lower edge above the horizon are skipped.
     """
@@ -397,7 +403,15 @@ def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
 def _seen_tracks(
     boxes: FrameBoxes, paths: dict[int, PersonPath], camera: Camera, config: SightingConfig, own_identity: bool
 ) -> tuple[Ints32, Floats]:
-    """(n,) track of each box, NO_ID for none, and its viewing angle (n,)."""
+    """(n,) track of each of n boxes, NO_ID for none, and its viewing angle (n,) [rad], NaN if unknown.
+
+    Args:
+        boxes: of one frame.
+        paths: of people, by identity.
+        camera: of the frame.
+        config: height of people, and limits of gaps and overlaps.
+        own_identity: the boxes' identities are those of the paths; otherwise boxes are matched with expected ones.
+    """
     n = len(boxes.box)
     if not paths or not camera.has_height:
         identity = boxes.identity if own_identity else np.full(n, NO_ID, dtype=np.int32)
@@ -420,7 +434,7 @@ class _Images:
     """Stream of images that holds those of the current time."""
 
     def __init__(self, frames: Iterable[Frame], tally: SightingTally) -> None:
-        """Start without reading images."""
+        """Start without reading images; `tally` counts those that are missing or cannot be read."""
         self._frames, self._tally = iter(frames), tally
         self._held: dict[tuple[str, int], Frame] = {}
         self._next: Frame | None = None

@@ -25,7 +25,7 @@ ANGLE, HEADING, COVERED, PIXELS = "angle", "heading", "covered", "pixels"
 
 
 def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
-    """Accumulate the histograms of each target and viewing angle; every pixel has the same weight.
+    """Return the mean colour histograms of each target and viewing angle; every pixel has the same weight.
 
     Boxes without a track, with unknown heading, covered, or with too few pixels are skipped. The table is empty if no
     viewing angle of any person has enough boxes.
@@ -60,7 +60,15 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
 
 
 def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
-    """(n,) reason why a box has no usable appearance, `covered` or `pixels`; empty if it has."""
+    """Why boxes have no usable appearance.
+
+    Args:
+        sighting: n boxes with their occlusion and their numbers of pixels.
+        config: limits of both.
+
+    Returns:
+        (n,) `covered` if too much of the box is occluded, else `pixels` if it has too few; empty if it is usable.
+    """
     few = sighting.pixels < config.min_pixels
     return np.where(sighting.covered > config.max_occlusion, COVERED, np.where(few, PIXELS, ""))
 
@@ -91,11 +99,11 @@ def sides_of(gallery: Gallery) -> GalleryArrays:
 
 
 def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConfig) -> Iterator[AppearanceMatches]:
-    """Compare each box with each target at the same viewing angle; one table per frame.
+    """Compare each box with each target at the same viewing angle; generate one table per frame.
 
     A box is identified as the most similar target if the similarity is sufficient; of two boxes most similar to one
     target the more similar one is identified. Comparisons are suspended for a target without this viewing angle in the
-    gallery, and for all targets if the viewing angle is unknown or the box has too few visible pixels.
+    gallery (`sides`), and for all targets if the viewing angle is unknown or the box has too few visible pixels.
     """
     n_targets, n_angles = sides.there.shape
     for each in sightings:
@@ -170,11 +178,11 @@ class EvidenceTally:
     """Accumulates similarity sums over a stream of tables."""
 
     def __init__(self) -> None:
-        """Start without sums."""
+        """Start without compared pairs."""
         self._sums: dict[tuple[int, int], tuple[float, int]] = {}
 
     def add(self, part: AppearanceMatches) -> None:
-        """Add the compared pairs."""
+        """Add the similarities of the pairs of track and target that were compared."""
         rows = np.flatnonzero((part.decision != SUSPENDED) & (part.track_id != NO_ID))
         columns = (part.track_id[rows], part.target_id[rows], part.rho_corrected[rows])
         for track, target, value in zip(*(c.tolist() for c in columns), strict=True):
@@ -182,7 +190,7 @@ class EvidenceTally:
             self._sums[track, target] = total + value, n + 1
 
     def evidence(self) -> IdentityEvidence:
-        """Similarity sums so far."""
+        """Sums of the similarities of each track with each target so far, and the numbers of boxes."""
         track, target = (np.unique(np.array([k[i] for k in self._sums], dtype=np.int32)) for i in (0, 1))
         likeness, boxes = np.zeros((len(track), len(target))), np.zeros((len(track), len(target)), dtype=np.int64)
         for (name, other), (total, n) in self._sums.items():
@@ -216,7 +224,7 @@ def identities(evidence: IdentityEvidence, together: Bools, least_likeness: floa
 
 
 def tracks_together(tracks: Tracks, which: Ints32) -> Bools:
-    """(K, K) mask of tracks with overlapping time spans; True on the diagonal."""
+    """(K, K) mask of tracks with overlapping time spans; True on the diagonal. `which` (K,) are their identities."""
     first, last = np.full(len(which), np.iinfo(np.int64).max), np.full(len(which), np.iinfo(np.int64).min)
     for k, name in enumerate(which.tolist()):
         own = tracks.t_ns[tracks.target_id == name]
@@ -229,6 +237,11 @@ def renamed(tracks: T, named: dict[int, int], gallery: Iterable[int]) -> tuple[T
     """Rename tracks to the gallery's identities; also return the new name of every track.
 
     Other tracks get numbers above all of the gallery's, in their order.
+
+    Args:
+        tracks: to rename.
+        named: identity in the gallery by track.
+        gallery: all its identities.
     """
     names = np.unique(tracks.target_id)
     free = 1 + max(gallery, default=-1)

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
 
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Label candidates and write them; return the summary and earlier losses."""
+    """Label candidate bearings by tracks, and write them; return the summary and earlier losses.
+
+    InputError if no track is there at the time of any frame.
+    """
     inputs = MeasurementInputs(request.bearings, request.scene, request.doa, request.doa_labels)
     tracks = inputs.open(request.tracks, Tracks)
     sensors = choose_sensors(inputs.scene, request.cameras, request.without)
@@ -67,7 +70,7 @@ class LabelTally:
         self.frames = 0
 
     def add(self, part: Labelled) -> None:
-        """Add rows."""
+        """Count the rows of a part."""
         self.rows += len(part.bearings)
         self.labelled.update(part.given.tolist())
         self.not_seen.update(part.missed.tolist())
@@ -90,7 +93,19 @@ class LabelTally:
 
 
 def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Match boxes with the gallery and write the matches; return the summary and the losses."""
+    """Match boxes with a gallery of appearances, and write the matches; name tracks by them if asked.
+
+    Args:
+        request: inputs, outputs and settings.
+        job: writes the outputs.
+
+    Returns:
+        Summary, and losses of the inputs.
+
+    Raises:
+        UsageError: named tracks are asked for without tracks.
+        InputError: no box could be compared.
+    """
     if request.reidentified is not None and request.tracks is None:
         raise UsageError(
             f"{option('reidentified')}: needs tracks to rename; give {option('tracks')}", id="missing-option"

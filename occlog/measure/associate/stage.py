@@ -78,7 +78,7 @@ def label(
 
 
 def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """Rechunk to about `ROWS_PER_PART` rows without splitting a time."""
+    """Generate the rows in chunks of about `ROWS_PER_PART` rows, without splitting a time."""
     rest = Bearings.empty()
     for chunk in chunks:
         table = Bearings.concat([rest, chunk])
@@ -98,13 +98,16 @@ class _Paths:
     """Stream of tracks that holds the rows around the current times."""
 
     def __init__(self, chunks: Iterable[Tracks], limit_ns: int) -> None:
-        """Start without reading tracks."""
+        """Start without reading tracks, which are sorted by time.
+
+        Gaps of more than `limit_ns` [ns] are not interpolated.
+        """
         self._chunks = iter(chunks)
         self._limit_ns = limit_ns
         self._held = Tracks.empty()
 
     def at(self, t_ns: Ints) -> _States:
-        """All tracks at nondecreasing times (also across calls)."""
+        """All tracks at nondecreasing times `t_ns` (N,) [ns], also across calls."""
         near = self._near(int(t_ns[0]) - self._limit_ns, int(t_ns[-1]) + self._limit_ns).with_covariance()
         target = np.unique(near.target_id)
         values, there = np.empty((len(t_ns), len(target), 5)), np.zeros((len(t_ns), len(target)), dtype=np.bool_)
@@ -115,7 +118,7 @@ class _Paths:
         return _States(target, values, there)
 
     def _near(self, first_ns: int, last_ns: int) -> Tracks:
-        """Rows in a time range; earlier rows are dropped."""
+        """Rows from `first_ns` to `last_ns` [ns], both included; earlier rows are dropped for good."""
         parts = [self._held]
         while not len(parts[-1]) or parts[-1].t_ns[-1] <= last_ns:
             chunk = next(self._chunks, None)
@@ -134,7 +137,10 @@ class _Paths:
 
 
 def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: LabelConfig) -> Labelled:
-    """Label the rows of whole times, sorted by the key."""
+    """Label the rows of whole times, sorted by the key, and add rows of tracks that a frame does not show.
+
+    `ground` (2,) is the position of each sensor by name.
+    """
     # Frames: the rows of one sensor at one time
     fresh = np.ones(len(table), dtype=np.bool_)
     fresh[1:] = (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])
@@ -182,7 +188,14 @@ def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[I
 
 
 def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Bools:
-    """(frames, K) mask of frames that already have a labelled row of a track."""
+    """(frames, K) mask of frames that already have a labelled row of a track.
+
+    Args:
+        table: n bearings.
+        frame: (n,) frame of each row, 0 to `frames` - 1.
+        frames: number of frames.
+        target: (K,) rising identities of the tracks.
+    """
     labelled = np.zeros((frames, len(target)), dtype=np.bool_)
     rows = np.flatnonzero(np.isin(table.target_id, target))
     labelled[frame[rows], np.searchsorted(target, table.target_id[rows])] = True

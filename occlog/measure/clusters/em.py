@@ -41,7 +41,7 @@ class Mixture(NamedTuple):
 
 
 class EmStatistics(NamedTuple):
-    """Sufficient statistics of the E-step."""
+    """Sums over the cells, weighted by responsibility: sufficient statistics for the M-step."""
 
     mass: Floats  # (K + 1,)
     means: Floats  # (K, 2)
@@ -50,7 +50,13 @@ class EmStatistics(NamedTuple):
 
 @kernel
 def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
-    """Second term of J: logarithm of the inverse-Wishart kernels relative to their modes."""
+    """Second term of J: logarithm of the inverse-Wishart kernels relative to their modes, summed over K clusters.
+
+    Args:
+        covs: (K, 3) covariances Sigma_k of the clusters.
+        prior_covs: (K, 3) S_k, those of people at their positions.
+        prior_mass: (K,) nu_k, pixels that the prior counts for.
+    """
     total = 0.0
     for k in range(covs.shape[0]):
         xx, xy, yy = covs[k]
@@ -62,7 +68,7 @@ def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
 
 
 class _Shape(NamedTuple):
-    """Parameters of the cluster densities, precomputed."""
+    """Parameters of the densities of K clusters, precomputed."""
 
     inverse: Floats  # (K, 3) of the covariances
     log_scale: Floats  # (K,) logarithm of share / (2 pi sqrt(det))
@@ -85,7 +91,14 @@ def _shape(mixture: Mixture, area: float) -> _Shape:
 
 @kernel
 def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape) -> float:
-    """Write the weighted cluster densities (K,) at a cell; return their sum with the uniform term."""
+    """Write the weighted densities (K,) of the clusters at a cell to `density`; return their sum with the uniform term.
+
+    Args:
+        density: (K,) filled.
+        cell: (6,) row of the cell table.
+        means: (K, 2) of the clusters [px].
+        shape: their inverse covariances and scales.
+    """
     n, x, y, cxx, cxy, cyy = cell
     total = shape.speck
     for k in range(means.shape[0]):
@@ -149,6 +162,11 @@ def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
     """(K, K) assignment entropy between two clusters, summed over their pixels.
 
     It is the loss of J, in addition to the fit, when the two are merged.
+
+    Args:
+        cells: (N, 6) cell table.
+        mixture: the K clusters.
+        area: of the image [px^2], for the uniform term.
     """
     n_clusters = mixture.means.shape[0]
     shape = _shape(mixture, area)
@@ -189,7 +207,13 @@ def _statistics(sums: Floats, origins: Floats, speck_mass: float) -> EmStatistic
 
 @kernel
 def m_step(statistics: EmStatistics, prior_covs: Floats, prior_mass: Floats) -> Mixture:
-    """M-step: Sigma_k = (nu_k S_k + C_k) / (nu_k + n_k) for given responsibilities."""
+    """M-step: return the mixture with Sigma_k = (nu_k S_k + C_k) / (nu_k + n_k) for given responsibilities.
+
+    Args:
+        statistics: sums over the cells, weighted by responsibility; C_k is the scatter, n_k the mass.
+        prior_covs: (K, 3) S_k, covariances of people.
+        prior_mass: (K,) nu_k, pixels that the prior counts for.
+    """
     covs = np.empty_like(prior_covs)
     for k in range(prior_covs.shape[0]):
         weight = prior_mass[k] + statistics.mass[k]
@@ -208,7 +232,17 @@ def run_em(
     max_steps: int,
     tolerance: float,
 ) -> tuple[Mixture, EmStatistics, float]:
-    """Run EM until J rises by less than `tolerance` per pixel, or `max_steps`; labels as in `e_step`.
+    """Run EM until J rises by less than `tolerance` per pixel, or `max_steps`.
+
+    Args:
+        cells: (N, 6) cell table.
+        mixture: start.
+        prior_covs: (K, 3) covariances of people.
+        prior_mass: (K,) pixels that the prior counts for.
+        area: of the image [px^2], for the uniform term.
+        labels: (N,) filled, as by `e_step`.
+        max_steps: at least 0.
+        tolerance: of J per pixel.
 
     Returns:
         The state, the statistics of its responsibilities, and J.
@@ -234,7 +268,7 @@ NEIGHBOUR2 = 16.0  # squared Mahalanobis distance up to which two clusters may b
 
 @kernel
 def union(a: Floats, b: Floats) -> Floats:
-    """Return the union of two groups (pixels, mean and scatter)."""
+    """Return the union (6,) of two groups a and b, (6,): pixels, mean x, y, and scatter xx, xy, yy."""
     n = a[0] + b[0]
     share = b[0] / n
     dx, dy = b[1] - a[1], b[2] - a[2]
@@ -259,7 +293,7 @@ def groups_of(statistics: EmStatistics) -> Floats:
 
 @kernel
 def group_worth(g: Floats, prior: Prior) -> float:
-    """Contribution of a group to the objective; 0 without pixels."""
+    """Contribution to the objective of a group `g` (6,): pixels, mean x, y, scatter xx, xy, yy; 0 without pixels."""
     return worth(g[0], g[1], g[2], g[3], g[4], g[5], prior) if g[0] > 0.0 else 0.0
 
 
@@ -333,7 +367,13 @@ def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _halves(cells: Floats, at: int, prior: Prior) -> Floats:
-    """(2, 6) best halves of cells cut along a person's axis; (0, 6) if the whole is better."""
+    """(2, 6) best halves of cells cut along a person's axis; (0, 6) if the whole is better.
+
+    Args:
+        cells: (N, 6) cell table.
+        at: cell of the size map that the person is in.
+        prior: sizes of people.
+    """
     # Direction across a person: the minor axis of its covariance.
     xx, xy, yy = prior.cov[at]
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi

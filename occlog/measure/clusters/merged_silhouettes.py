@@ -74,13 +74,21 @@ OUTLINE = _outline()
 
 @kernel
 def expected_height(prior: Prior, x: float, y: float, side: int) -> float:
-    """Height [cells] of a person with middle at a cell."""
+    """Height [cells] of a person with the middle at the cell (x, y); `side` is that of a cell [px]."""
     return math.sqrt(12.0 * prior.cov[grid_cell(prior, (x + 0.5) * side - 0.5, (y + 0.5) * side - 0.5), 2]) / side
 
 
 @kernel
 def _window(x: float, y: float, height: float, rows: int, columns: int) -> tuple[int, int, int, int]:
-    """Range of rows and columns that a person may cover: first row, end row, first column, end column."""
+    """First row, row after the last, first column and column after the last that a person may cover.
+
+    Args:
+        x: column of the person's centre.
+        y: row of the centre.
+        height: of the person [cells].
+        rows: number of rows of the grid.
+        columns: number of its columns.
+    """
     top, bottom = max(math.ceil(y - 0.5 * height), 0), min(math.floor(y + 0.5 * height), rows - 1)
     half = 0.5 * SPAN * height
     left, right = max(math.ceil(x - half), 0), min(math.floor(x + half), columns - 1)
@@ -89,7 +97,10 @@ def _window(x: float, y: float, height: float, rows: int, columns: int) -> tuple
 
 @kernel
 def not_covered(x: float, y: float, height: float, column: int, row: int) -> float:
-    """Log probability that a person with centre (x, y) does not cover a cell of their window."""
+    """Log probability that a person with centre (x, y) and a height [cells] does not cover a cell of their window.
+
+    `column` and `row` are those of the cell.
+    """
     down = min(max(int(((row - y) / height + 0.5) * ROWS), 0), ROWS - 1)
     across = min(max(int(((column - x) / (SPAN * height) + 0.5) * COLUMNS), 0), COLUMNS - 1)
     return float(OUTLINE[down, across])
@@ -97,7 +108,10 @@ def not_covered(x: float, y: float, height: float, column: int, row: int) -> flo
 
 @kernel
 def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
-    """Add (sign 1) or remove (-1) a person in `free`, log probabilities that no person covers a cell."""
+    """Add (sign 1) or remove (-1), in place, a person with centre (x, y) and a height [cells].
+
+    `free` (rows, columns) has log probabilities that no person covers a cell.
+    """
     top, bottom, left, right = _window(x, y, height, *free.shape)
     for row in range(top, bottom):
         for column in range(left, right):
@@ -181,7 +195,17 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
 
 @kernel
 def _improve(foreground: Floats, free: Floats, people: Floats, prior: Prior, side: int, left: int, top: int) -> float:
-    """Refine positions and sizes of all people (K, 4) in turn, in decreasing steps; return the total gain."""
+    """Refine positions and sizes of all people in turn, in decreasing steps, in place; return the total gain.
+
+    Args:
+        foreground: (rows, columns) share of each cell that is foreground.
+        free: (rows, columns) log probabilities that no person covers a cell, updated.
+        people: (K, 4) x, y, height [cells], and height over the expected one, updated.
+        prior: of the camera.
+        side: of the cells [px].
+        left: cells of the image left of the foreground.
+        top: cells of the image above the foreground.
+    """
     step, risen = max(1.0, people[-1, 2] / FINE), 0.0
     for _ in range(ROUNDS):
         moved = False
@@ -310,14 +334,26 @@ def split_silhouettes(
 
 
 def _may_be_several(box: Ints32, height: float, clusters: int) -> bool:
-    """Whether a silhouette with box (left, top, width, height, cells) may hold several people."""
+    """Whether a silhouette with box (left, top, width, height, cells) may hold several people.
+
+    `height` is that of a person there [cells], `clusters` the number of clusters in the silhouette.
+    """
     if box[4] < MIN_SHARE * height**2:
         return False
     return bool(clusters > 1 or box[2] > MIN_WIDTH_RATIO * WIDTH * height or box[3] > MIN_HEIGHT_RATIO * height)
 
 
 def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prior: Prior, side: int) -> Floats:
-    """(K, 3) centres and heights [cells] of the people in a silhouette."""
+    """(K, 3) centres x, y and heights [cells] of the people in a silhouette.
+
+    Args:
+        grid: (rows, columns) share of each cell that is foreground.
+        silhouette: (rows, columns) mask.
+        box: left, top, width and height of the silhouette [cells].
+        height: of a person there [cells].
+        prior: of the camera.
+        side: of the cells [px].
+    """
     around = int(AROUND * height)
     left, top = max(int(box[0]) - around, 0), max(int(box[1]) - around, 0)
     window = np.s_[top : box[1] + box[3] + around, left : box[0] + box[2] + around]
@@ -327,7 +363,10 @@ def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prio
 
 @kernel
 def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
-    """(n,) number of the person who most probably covers each cell, counted from `first`; -1 if none."""
+    """(n,) number of the person who most probably covers each cell, counted from `first`; -1 if none.
+
+    `column` (n,) and `row` (n,) are those of the cells, `people` (K, 3) are x, y and height [cells].
+    """
     out = np.full(column.shape[0], -1)
     for i in range(column.shape[0]):
         best = np.log1p(-MIN_OWN)
@@ -343,7 +382,17 @@ def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
 def _together(
     cells: Floats, labels: Ints, clusters: Clusters, gone: Bools, people: Floats, side: int, prior: Prior
 ) -> Crowds:
-    """Combine the remaining clusters and the people, sorted by decreasing mass."""
+    """Combine the remaining clusters and the people, sorted by decreasing mass.
+
+    Args:
+        cells: (N, 6) cell table.
+        labels: (N,) cluster of each cell, people counted after the clusters; -1: none.
+        clusters: K clusters.
+        gone: (K,) clusters that the people replace.
+        people: (P, 3) x, y and height [cells].
+        side: of a cell [px].
+        prior: sizes of people.
+    """
     K, n = len(clusters.mass), len(clusters.mass) + len(people)
     means = np.concatenate([clusters.means, (people[:, :2] + 0.5) * side - 0.5])
     mass, covs = np.concatenate([clusters.mass, np.zeros(len(people))]), np.zeros((n, 3))

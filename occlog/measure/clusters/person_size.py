@@ -48,7 +48,10 @@ class SizeMap:
 
 
 def cell_centres(image_size: tuple[int, int]) -> tuple[tuple[int, int], Floats]:
-    """Shape (rows, columns) of the grid for an image, and the (cells, 2) pixels of its cells' centres."""
+    """Shape (rows, columns) of the grid for an image, and the pixels (cells, 2) of its cells' centres.
+
+    `image_size` is width and height [px].
+    """
     width, height = image_size
     longer = max(width, height)
     columns, rows = max(1, round(GRID * width / longer)), max(1, round(GRID * height / longer))
@@ -78,7 +81,7 @@ def sizes_from_heights(image_size: tuple[int, int], heights_px: Floats, spread: 
 
 
 def constant_sizes(image_size: tuple[int, int], height_px: float) -> SizeMap:
-    """Size map with one height of people [px] everywhere."""
+    """Size map with one height of people [px] everywhere; `image_size` is width and height."""
     _, centres = cell_centres(image_size)
     return sizes_from_heights(image_size, np.full(len(centres), height_px), LOG_SIZE_SPREAD)
 
@@ -120,7 +123,10 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
 
 
 def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
-    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at (N, 2) positions; NaN behind the camera."""
+    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at positions `spots` (N, 2); NaN behind the camera.
+
+    The vectors are the whole height, width and depth in the image; `height` is that of a person, in scene units.
+    """
     # Of a camera of unknown height: level with the middle of the body
     foot = 0.0 if camera.above_floor else float(camera.position[2]) - height / 2
     n = len(spots)
@@ -135,7 +141,14 @@ def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Float
 
 
 def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Floats, spans: Floats) -> SizeMap:
-    """Size map from people at (distances, cells): geometric mean size, mean shape, weighted."""
+    """Size map from people at several distances in each cell: geometric mean size, mean shape, weighted.
+
+    Args:
+        image_size: width and height [px].
+        shape: rows and columns of the map.
+        weights: (distances, cells).
+        spans: (distances cells, 3, 2) spanning vectors of people [px].
+    """
     cov = np.einsum("nki,nkj->nij", spans, spans).reshape(*weights.shape, 2, 2) / 12.0
     det = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
     known = np.isfinite(det) & (det > 0)
@@ -158,7 +171,10 @@ def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Fl
 
 
 def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
-    """(cells,) index of the nearest cell where a person can stand; ValueError if these are less than half of all."""
+    """(cells,) index of the nearest cell where a person can stand; ValueError if these are less than half of all.
+
+    `standing` (cells,) is the mask of these cells, `image_size` width and height [px].
+    """
     like = np.arange(len(standing))
     if 2 * np.count_nonzero(standing) < len(standing):
         raise ValueError("no person can stand in most of the image; check the camera's pose")
@@ -185,7 +201,14 @@ class Prior(NamedTuple):
 
 
 def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) -> Prior:
-    """Create the prior for the images of one camera."""
+    """Create the prior for the images of one camera.
+
+    Args:
+        sizes: of people.
+        strength: weight nu_k of the sizes, in persons' pixels.
+        penalty: cost of a cluster in J, in persons' pixels.
+        least: smallest cluster that is kept, in persons' pixels.
+    """
     width, height = sizes.image_size
     rows, columns = sizes.shape
     return Prior(
@@ -204,7 +227,7 @@ def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) ->
 
 @kernel
 def grid_cell(prior: Prior, x: float, y: float) -> int:
-    """Grid cell of the size map at a pixel; the nearest cell outside the image."""
+    """Index of the size map's cell at a pixel (x, y); the nearest cell outside the image."""
     column = min(max(int((x + 0.5) * prior.columns / prior.width), 0), prior.columns - 1)
     row = min(max(int((y + 0.5) * prior.rows / prior.height), 0), prior.rows - 1)
     return row * prior.columns + column
@@ -212,7 +235,16 @@ def grid_cell(prior: Prior, x: float, y: float) -> int:
 
 @kernel
 def person_at(means: Floats, log_sizes: Floats, prior: Prior) -> tuple[Floats, Floats]:
-    """Covariance (K, 3) and pixels (K,) of people at the means (K, 2), scaled by exp(log_sizes)."""
+    """Covariances and numbers of pixels of people in an image, by the size map, with their sizes scaled.
+
+    Args:
+        means: (K, 2) centres [px].
+        log_sizes: (K,) logarithms of the factors of height and width.
+        prior: size map of the camera.
+
+    Returns:
+        (K, 3) covariances xx, xy, yy [px^2], and (K,) pixels.
+    """
     covs, mass = np.empty((means.shape[0], 3)), np.empty(means.shape[0])
     for k in range(means.shape[0]):
         at = grid_cell(prior, means[k, 0], means[k, 1])

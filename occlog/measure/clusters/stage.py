@@ -43,7 +43,7 @@ class Clusters(NamedTuple):
 
 
 def cell_side(sizes: SizeMap) -> int:
-    """Side of the cells [px]: a tenth of a person's width, from 2 to 16."""
+    """Side of the cells [px]: a tenth of a person's median width in the image, from 2 to 16."""
     return int(np.clip(round(sizes.width_px / 10.0), 2, 16))
 
 
@@ -87,7 +87,7 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
 
 
 class _Fit(NamedTuple):
-    """Result of an EM run."""
+    """Result of an EM run: mixture, statistics and objective."""
 
     mixture: Mixture
     statistics: EmStatistics
@@ -119,10 +119,17 @@ def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
 
 @kernel
 def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
-    """Drop the first group without which J rises; return the groups of that fit.
+    """Drop the first group without which J rises; return the groups (K - 1, 6) of that fit, or all.
 
     Between two people who touch there may be a third cluster that merging of pairs does not remove. The groups with the
     highest entropy per pixel are tried, at most `MAX_DOUBTS` of them.
+
+    Args:
+        cells: (N, 6) cell table.
+        groups: (K, 6) pixels, mean and scatter.
+        entropy: (K, K) of `shared_entropy`.
+        value: J of all groups.
+        prior: sizes of people.
     """
     doubt = entropy.sum(axis=1) / np.maximum(groups[:, 0], 1.0)
     for k in np.argsort(-doubt, kind="mergesort")[:MAX_DOUBTS]:
@@ -138,7 +145,7 @@ def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: 
 
 @kernel
 def _groups_at(centres: Floats, prior: Prior) -> Floats:
-    """(K, 6) groups of unoccluded people at positions (K, 2)."""
+    """(K, 6) groups (pixels, mean, scatter) of unoccluded people at positions `centres` (K, 2) [px]."""
     covs, person = person_at(centres, np.zeros(centres.shape[0]), prior)
     groups = np.empty((centres.shape[0], 6))
     groups[:, 0] = person
@@ -160,14 +167,14 @@ def _sizes_of(groups: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _large(groups: Floats, prior: Prior) -> Floats:
-    """Groups with enough pixels for a person."""
+    """Those of the groups (K, 6) with enough pixels for a person."""
     _, person = person_at(groups[:, 1:3].copy(), _sizes_of(groups, prior), prior)
     return groups[np.flatnonzero(groups[:, 0] >= prior.least * person)]
 
 
 @kernel
 def _sorted_clusters(groups: Floats, labels: Ints, prior: Prior) -> Clusters:
-    """Groups sorted by decreasing mass, with labels of the cells renumbered."""
+    """Clusters from groups (K, 6), sorted by decreasing mass; `labels` (N,) of the cells are renumbered in place."""
     order = np.argsort(-groups[:, 0], kind="mergesort")
     rank = np.empty(order.shape[0], dtype=np.int64)
     groups = groups[order]
@@ -213,7 +220,14 @@ def _seeds(cells: Floats, corners: Ints, side: int, prior: Prior) -> Floats:
 
 @kernel
 def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) -> None:
-    """Integral image of the counts: [r, c] is the sum over rows < r and columns < c."""
+    """Write the integral image of the counts: [r, c] is the sum over rows < r and columns < c.
+
+    Args:
+        integral: (rows + 1, columns + 1) filled.
+        counts: (N,) of the cells.
+        corners: (N, 2) left and top pixel of the cells.
+        side: of a cell [px].
+    """
     integral[:] = 0.0
     for i in range(counts.shape[0]):
         integral[corners[i, 1] // side + 1, corners[i, 0] // side + 1] = counts[i]
@@ -226,7 +240,10 @@ def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) 
 
 @kernel
 def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) -> float:
-    """Foreground within one standard deviation of a person's box around a position, in units of a person's pixels."""
+    """Foreground within one standard deviation of a person's box around (x, y) [px], in units of a person's pixels.
+
+    `integral` is the integral image of `_integrate_into`, `side` that of a cell [px].
+    """
     at = grid_cell(prior, x, y)
     rx, ry = math.sqrt(prior.cov[at, 0]), math.sqrt(prior.cov[at, 2])
     rows, columns = integral.shape[0] - 1, integral.shape[1] - 1
@@ -238,7 +255,16 @@ def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) 
 
 @kernel
 def _take_into(left: Floats, centre: Floats, cells: Floats, x: float, y: float, prior: Prior) -> None:
-    """Remove the foreground of a person at (x, y) from `left`; write its mean to `centre`."""
+    """Remove the foreground of a person at (x, y) [px] from `left`, in place; write its mean to `centre`.
+
+    Args:
+        left: (N,) foreground pixels of the cells that are left.
+        centre: (2,) filled.
+        cells: (N, 6) cell table.
+        x: position.
+        y: position.
+        prior: sizes of people.
+    """
     xx, xy, yy = prior.cov[grid_cell(prior, x, y)]
     det = xx * yy - xy * xy
     n = sx = sy = 0.0

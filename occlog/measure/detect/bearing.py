@@ -44,7 +44,7 @@ class RegionBearings(NamedTuple):
 
 
 class BearingNoise(NamedTuple):
-    """Noise settings of region centres."""
+    """Settings of the noise of region centres."""
 
     sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these
     scale: float = 1.0  # factor on all standard deviations
@@ -104,7 +104,7 @@ def sights(
 
 
 def _gradient(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
-    """Derivatives of the azimuth by pixel column and row [rad/px]."""
+    """Derivatives (N,) and (N,) [rad/px] of the azimuth by pixel column and row, at `centres` (N, 2) [px]."""
     right, down = np.array([STEP_PX, 0.0]), np.array([0.0, STEP_PX])
     gx = wrap_angle(camera.bearings(centres + right) - camera.bearings(centres - right)) / (2.0 * STEP_PX)
     gy = wrap_angle(camera.bearings(centres + down) - camera.bearings(centres - down)) / (2.0 * STEP_PX)
@@ -112,6 +112,6 @@ def _gradient(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
 
 
 def _across(covs: Floats, gx: Floats, gy: Floats) -> Floats:
-    """Variances g' C g along the gradient, for covariances as rows (xx, xy, yy)."""
+    """(N,) variances g' C g along gradients (gx, gy), each (N,), of covariances (N, 3): xx, xy, yy."""
     total: Floats = covs[:, 0] * gx**2 + 2.0 * covs[:, 1] * gx * gy + covs[:, 2] * gy**2
     return total

@@ -90,7 +90,9 @@ def detect_by_network(
 def in_parts(
     frames: Iterable[DetectedFrame], scene: Scene, config: DetectConfig, *, rows: int = BATCH
 ) -> Iterator[Detections]:
-    """Convert frames with boxes to views, candidate bearings and losses; frames of one time in one part.
+    """Convert frames with boxes to views, candidate bearings and losses; frames of one time are in one part.
+
+    A part has at least `rows` frames, except the last.
 
     Raises:
         InputError: times go back.
@@ -119,7 +121,10 @@ def _detect_frames(
     config: DetectConfig,
     shapes: dict[str, tuple[int, ...]],
 ) -> Iterator[DetectedFrame]:
-    """Generate the frames in order with the detections of the network."""
+    """Generate the frames in order with the detections of the network.
+
+    `shapes` has the shape of each camera's first image, and is updated; `embedder` adds vectors for re-identification.
+    """
 
     def prepare(some: list[Frame]) -> list[_Ready]:
         return [_prepare(frame, scene, detector, shapes, config) for frame in some]
@@ -159,7 +164,10 @@ def _detect_frames(
 def _prepare(
     frame: Frame, scene: Scene, detector: NetworkDetector, shapes: dict[str, tuple[int, ...]], config: DetectConfig
 ) -> _Ready:
-    """Decode a frame and resize it for the network."""
+    """Decode a frame and resize it for the network; or state the reason why it cannot be used.
+
+    `shapes` has the shape of each camera's first image, and is updated.
+    """
     image = decoded(frame, scene, shapes, config)
     return _Ready(frame, image) if isinstance(image, str) else _Ready(frame, "", image, detector.prepare(image))
 
@@ -199,7 +207,13 @@ def in_colour(image: Image) -> Image:
 
 
 def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Detections:
-    """Return views, bearings and losses of the processed frames."""
+    """Views, bearings and losses of some frames.
+
+    Args:
+        seen: frames with their boxes, descriptions and colours; those without boxes (None) could not be used.
+        scene: has the cameras.
+        config: of the detection, except for the minimum confidence, by which the boxes are already selected.
+    """
     good = [each for each in seen if each.boxed is not None]
     # Boxes come by falling area, as views are numbered: rows of both tables are in one order.
     tables = [_boxes(each.frame, each.boxed) for each in good if each.boxed is not None]

@@ -51,7 +51,7 @@ class PersonDetector:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files of the networks."""
+        """Files of the networks, for their digests."""
         return (*self.network.network.file.files, *(self.embedder.network.file.files if self.embedder else ()))
 
     @property
@@ -61,7 +61,7 @@ class PersonDetector:
         return {"network": self.network.network.file.path.name, **self.network.parameters(), **more}
 
     def work(self, frames: Iterable[Frame], scene: Scene, checks: tuple[Check, ...]) -> Work:
-        """Detect in all cameras with the network."""
+        """Detect in all cameras with the network, lazily; `checks` are added to those of the result."""
         parts = _with_threads(detect_by_network(frames, scene, self.network, self.embedder, self.config), self.threads)
         used = {"input": "images", "method": NETWORK, **self.used, **of_boxes(self.config)}
         summary = {"method": NETWORK, **described(self.network)}
@@ -76,7 +76,16 @@ class PersonDetector:
         by_background: Callable[[Iterable[Frame]], Iterator[Detections]],
         used: Mapping[str, object],
     ) -> Work:
-        """Detect in some cameras with the network, and in the others with background subtraction."""
+        """Detect in some cameras with the network, and in the others with background subtraction, lazily.
+
+        Args:
+            frames: of all cameras.
+            scene: has the cameras.
+            checks: made before.
+            cameras: names of those for the network.
+            by_background: detects in the others.
+            used: parameters of background subtraction.
+        """
         own = partial(detect_by_network, scene=scene, detector=self.network, embedder=self.embedder,
                       config=self.config, shapes={})  # fmt: skip
         length = 0 if self.embedder is None else self.embedder.length

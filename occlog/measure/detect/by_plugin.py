@@ -41,7 +41,7 @@ def detect_by_plugin(
 def _detect_frames(
     frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectConfig
 ) -> Iterator[DetectedFrame]:
-    """Generate the frames in order with the detections of the plug-in."""
+    """Generate the frames in order with the detections of the plug-in `chosen`; PluginError if they are not valid."""
     shapes: dict[str, tuple[int, ...]] = {}
     own: dict[str, Detector] = {}
     names = sorted(camera.name for camera in scene.cameras)

@@ -112,7 +112,10 @@ class Checked:
         return tilted_world(np.array(self._rotations).reshape(-1, 3, 3))
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Report cameras without detections while another one has many."""
+        """Report cameras without detections while another one has many.
+
+        `frames` is the number of frames of each camera.
+        """
         if frames and not self._boxes:
             yield finding(DETECTS, "nothing-detected", sensors=sorted(frames), frames=sum(frames.values()))
             return
@@ -144,7 +147,10 @@ class Checked:
                 )
 
     def _staying(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Report cameras with detections at nearly constant positions (static clutter)."""
+        """Report cameras with detections at nearly constant positions (static clutter).
+
+        `frames` is the number of frames of each camera.
+        """
         for name, count in sorted(frames.items()):
             kept = self._kept.get(name, [])
             if self._frames[name] <= STAYING * count or not kept:
@@ -165,7 +171,7 @@ class Checked:
 
 
 def _overlaps(box: Floats, others: Floats) -> bool:
-    """Whether any of the boxes (k, 4) is at the position of a box (4,)."""
+    """Whether any of the boxes `others` (k, 4) nearly coincides with a box (4,): left, top, right, bottom."""
     both = np.prod(np.maximum(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0.0), axis=1)
     each = np.prod(others[:, 2:] - others[:, :2], axis=1) + np.prod(box[2:] - box[:2])
     return bool((both >= SAME * (each - both)).any())

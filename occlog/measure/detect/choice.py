@@ -72,7 +72,15 @@ def probe(
     config: DetectConfig,
     detector: NetworkDetector,
 ) -> dict[str, Probe]:
-    """Numbers of frames with people by the network, and with person-sized moving regions, by camera."""
+    """Numbers of frames with people by the network, and with person-sized moving regions, by camera.
+
+    Args:
+        samples: frames kept for learning, by camera.
+        learned: empty scenes and sizes.
+        scene: has the cameras.
+        config: of the detection.
+        detector: the network.
+    """
     found: dict[str, Probe] = {}
     for name, kept in samples.items():
         if not kept.images:
@@ -134,6 +142,6 @@ def detect_in_both(
 
 
 def _widened(part: Detections, embedding: int) -> Detections:
-    """Add NaN embeddings of a length to views."""
+    """Return the part with NaN embeddings of length `embedding` in its views."""
     vectors = np.full((len(part.views), embedding), np.nan, dtype=np.float32)
     return part._replace(views=replace(part.views, embedding=vectors))

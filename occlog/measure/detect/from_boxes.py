@@ -36,7 +36,7 @@ class LabelMap:
     span: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, sensor: str, ids: Ints32) -> Ints32:
-        """(n,) targets of identities (n,) in a camera; `UNLABELLED` if unknown."""
+        """(n,) targets of the identities `ids` (n,) in the camera `sensor`; `UNLABELLED` if unknown."""
         known = {i: self.number.get(self.key(sensor, i), UNLABELLED) for i in np.unique(ids).tolist()}
         return np.array([known[i] for i in ids.tolist()], dtype=np.int32)
 
@@ -63,7 +63,7 @@ class LabelMap:
         return found[order], targets[order]
 
     def key(self, sensor: str, identity: int) -> tuple[str, int]:
-        """Key of an identity in `number`."""
+        """Key in `number` of the identity of a box in the camera `sensor`."""
         return ("" if self.scope == GLOBAL else sensor, identity)
 
 
@@ -76,8 +76,8 @@ def counted(boxes: Boxes, config: DetectConfig) -> Bools:
 def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> LabelMap:
     """Scan all boxes for targets, and the time range of each.
 
-    With global identities a target has the identity's own number.  Identities of cameras are numbered from 0,
-    in the order of the times, the cameras and the identities.
+    With the scope of global identities a target has the identity's own number.  Identities of cameras are numbered from
+    0, in the order of the times, the cameras and the identities.
 
     Raises:
         InputError: no box has an identity, or two boxes of a frame have the same one.
@@ -211,7 +211,10 @@ def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: RegionBearings, t
         seen = RegionBearings(*(column[kept] for column in seen))
     if np.isnan(seen.bearing).any():
         row = int(np.flatnonzero(np.isnan(seen.bearing))[0])
-        raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's line of sight cannot be computed")
+        raise InputError(
+            f"camera {camera.name}: frame {good.frame[row]}: a box is where the lens model does not hold (no line of "
+            "sight); check the distortion, or the boxes"
+        )
     empty = np.setdiff1d(boxes.t_ns, good.t_ns)
     nothing, unlabelled = np.full(len(empty), np.nan), np.full(len(empty), UNLABELLED, dtype=np.int32)
     return Bearings.merge(

@@ -82,7 +82,7 @@ class Detection(Request):
 
     @property
     def threads(self) -> int:
-        """Number of threads."""
+        """Number of threads: that of the option, or else the default."""
         return self.workers or threads_by_default()
 
 

@@ -55,7 +55,7 @@ T = TypeVar("T", Boxes, Bearings)
 
 
 def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect and write the tables; return the summary and the losses."""
+    """Detect in a recording and write the tables; return the summary and the losses."""
     of_fusion = (e.key for e in Form(DetectRequest).entries() if e.field == "fusion" and e.of.name in request.fusion)
     if not request.fuse and (key := next(of_fusion, None)) is not None:
         raise UsageError(f"{option(key)} is an option of the fusion; add {option('fuse')}", id="missing-option")
@@ -138,7 +138,10 @@ def write_detections(
 
 
 def _figures(tally: Counter[str]) -> dict[str, int]:
-    """Figures of the summary; frames used for learning the background only are listed if there are any."""
+    """Figures of the summary; frames used for learning the background only are listed if there are any.
+
+    `tally` has them by name.
+    """
     names = ("frames", "warmup_frames", "regions", "rows", "seen")
     return {name: tally[name] for name in names if tally[name] or name != "warmup_frames"}
 
@@ -146,7 +149,7 @@ def _figures(tally: Counter[str]) -> dict[str, int]:
 def _fused(
     detections: Iterator[Detections], scene: Scene, config: FuseConfig, tally: FuseTally
 ) -> Iterator[Detections]:
-    """Generate the parts after fusion, and count their rows."""
+    """Fuse the detections of several cameras part by part, generate them, and count their rows in `tally`."""
     for part in fuse(detections, scene, config):
         tally.add(part)
         yield part.detections
@@ -155,7 +158,8 @@ def _fused(
 def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job) -> Work:
     """Return the detections in a recording.
 
-    Images have priority; without images its boxes are used, and without boxes its bearings.
+    Images have priority; without images its boxes are used, and without boxes its bearings. `left` counts the frames
+    that are skipped.
     """
     config = configure(DetectConfig(), {"method": request.method, **request.settings})
     if config.label_scope is not None and (recording.cameras or not recording.has(Boxes)):
@@ -201,7 +205,7 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
 
 
 def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
-    """Names of the selected sensors; empty: all. UsageError for one that is not in the scene."""
+    """Names of the selected sensors; empty: all. UsageError for one that is not `known`."""
     for name in request.cameras:
         if name not in known:
             raise UsageError(
@@ -221,7 +225,7 @@ def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
 def _near(
     request: DetectRequest, config: DetectConfig, length_unit: str
 ) -> tuple[TrackFeedback | None, dict[str, object]]:
-    """Track feedback that limits the search, and its parameters.
+    """Track feedback that limits the search, and its parameters; None and none if it was not requested.
 
     Raises:
         UsageError: a gate is given without tracks.
@@ -246,7 +250,10 @@ def _near(
 def _simulated_bearings(
     chunks: Iterator[Bearings], near: TrackFeedback | None, positions: dict[str, Floats]
 ) -> Iterator[Detections]:
-    """Simulated bearings unchanged, or within the gates of track feedback."""
+    """Generate simulated bearings unchanged, or within the gates of track feedback (`near`).
+
+    `positions` (2,) are those of the sensors by name.
+    """
     for chunk in chunks:
         kept = chunk if near is None else limited(chunk, near, positions)
         yield Detections(Views.empty(), kept, (), len(chunk), 0)
@@ -255,7 +262,10 @@ def _simulated_bearings(
 def _from_images(
     request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: SkippedFrames, job: Job
 ) -> Work:
-    """Choose a detector for each camera, learn in a first pass if required, and detect in a second pass."""
+    """Choose a detector for each camera, learn in a first pass if required, and detect in a second pass, lazily.
+
+    `left` counts the frames that are skipped.
+    """
     sensors = cameras_of(request.cameras, recording)
     boxes = [_box(text) for text in request.target_boxes]
     targets = _references(request, recording)
@@ -306,7 +316,10 @@ def _from_images(
 
 
 def _background_because(request: DetectRequest, recording: McapRecording, targets: Sequence[Target]) -> str:
-    """Reason to use background subtraction without trying the network; empty if there is none."""
+    """Reason to use background subtraction without trying the network; empty if there is none.
+
+    `targets` are those with an appearance that is given.
+    """
     if recording.provenance.command == "simulate":
         return "the recording is simulated"
     if targets or request.target_boxes or request.track_feedback is not None:
@@ -317,7 +330,10 @@ def _background_because(request: DetectRequest, recording: McapRecording, target
 
 
 def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[str], tuple[Check, ...]]:
-    """Names of the cameras in which the network detects, and findings about the others."""
+    """Names of the cameras in which the network detects, and findings about the others.
+
+    Cameras without a probe are the network's.
+    """
     others = {name: probes[name] for name in sensors if name in probes and probes[name].background}
     checks = tuple(
         finding(DETECTOR, "background-used", sensors=[name], found=each.found, frames=each.frames, moving=each.moving)
@@ -349,6 +365,8 @@ def _check_embed(request: DetectRequest | NetworkRequest) -> None:
 def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, tuple[str, ...]]:
     """Open the recording of a request, with its scene and the cameras to detect in.
 
+    `detector` is what detects, in messages.
+
     Raises:
         InputError: the recording holds no images, or those of a camera that is not in the scene.
         UsageError: there are no images of a camera, or bearings are requested and no camera has a pose.
@@ -374,7 +392,7 @@ def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, 
 
 
 def cameras_of(only: tuple[str, ...], recording: McapRecording) -> tuple[str, ...]:
-    """Names of the cameras to detect in; UsageError for one without images."""
+    """Names of the cameras to detect in, `only` or else all with images; UsageError for one without images."""
     for name in only:
         if name not in recording.cameras:
             known = ", ".join(recording.cameras)
@@ -385,7 +403,7 @@ def cameras_of(only: tuple[str, ...], recording: McapRecording) -> tuple[str, ..
 
 
 def frames_of(recording: McapRecording, sensors: tuple[str, ...]) -> int:
-    """Number of frames of some cameras."""
+    """Number of frames that a recording has of the cameras `sensors`."""
     wanted = {f"/camera/{name}/{kind}" for name in sensors for kind in ("image", "video")}
     return sum(t.messages for t in recording.topics if t.name in wanted)
 
@@ -430,7 +448,7 @@ def _box(text: str) -> TargetBox:
 
 
 def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect with a network and write the tables; return the summary and the losses."""
+    """Detect with a network of the user and write the tables; return the summary and the losses."""
     opened, scene, sensors = images_of(request, "a network")
     config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
     _check_embed(request)
@@ -462,14 +480,20 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
 
 
 def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more: object) -> dict[str, object]:
-    """Summary: written tables, figures of the detector, and numbers of frames, boxes and rows."""
+    """Figures of the summary: paths of the written tables, `more`, and numbers of frames, boxes and rows of bearings.
+
+    Args:
+        request: has the paths.
+        tally: counts by name.
+        **more: figures that are put between the paths and the numbers.
+    """
     bearings = {} if request.bearings is None else {"bearings": str(request.bearings)}
     counts = {"frames": tally["frames"], "boxes": tally["regions"]} | ({"rows": tally["rows"]} if bearings else {})
     return {"views": str(request.output), **bearings, **more, **counts}
 
 
 def _note_assumed(detector: NetworkDetector, job: Job) -> None:
-    """Note that class names are assumed rather than read from the network."""
+    """Note that class names are assumed rather than read from the network, if they are."""
     if detector.names.source.endswith("assumed"):
         shown = ", ".join(f"{k} is {detector.names.names.get(k, 'unknown')}" for k in detector.wanted.tolist())
         job.note(

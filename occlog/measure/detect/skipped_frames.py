@@ -47,7 +47,7 @@ class SkippedFrames:
             yield chunk
 
     def lost(self, losses: Iterable[Loss]) -> None:
-        """Add unusable frames."""
+        """Add the frames of losses, which could not be used."""
         for loss in losses:
             if (numbers := numbers_of(loss)) is not None and loss.source in self._last:
                 stretches = self._lost.setdefault(loss.source, [])
@@ -70,7 +70,7 @@ class SkippedFrames:
             gaps.append((last + 1, number - 1))
 
     def _without_steps(self, sensor: str) -> list[tuple[int, int]]:
-        """Gaps larger than the usual step of the numbers."""
+        """Gaps (first and last frame) of a camera that are larger than the usual step of its numbers."""
         step = self._step.get(sensor, 1)
         return [(first, last) for first, last in self._gaps.get(sensor, ()) if last - first + 2 > step]
 

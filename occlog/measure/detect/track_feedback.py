@@ -55,10 +55,15 @@ def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
 
 
 def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
-    """Predicted directions from a sensor (2,) at times (N,), by the last position and velocity before each.
+    """Predicted directions of a target from a sensor, by the last position and velocity before each time.
 
     The uncertainty includes the position's covariance and the predicted displacement. NaN before the first position and
     after `MAX_AGE_S`.
+
+    Args:
+        path: of the target.
+        origin: (2,) position of the sensor.
+        t_ns: (N,) times [ns].
     """
     last = np.searchsorted(path.t_ns, t_ns, side="left") - 1
     k = np.maximum(last, 0)

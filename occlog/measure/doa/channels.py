@@ -54,14 +54,14 @@ class ChannelLags:
     """Cross-correlation of each pair of channels (GCC-PHAT, Knapp & Carter 1976), averaged over blocks of samples."""
 
     def __init__(self) -> None:
-        """Start without samples."""
+        """Start without sound."""
         self._parts: list[Floats] = []
         self._held = self._blocks = 0
         self._sums: Floats | None = None  # (M, M, BLOCK)
         self._frames: list[Floats] = []  # (M, M, FRAME) correlations
 
     def add(self, block: Floats) -> None:
-        """Add samples (n, M)."""
+        """Add samples `block` (n, M) of M channels."""
         if self._blocks >= MAX_BLOCKS:
             return
         self._parts.append(block)
@@ -99,7 +99,12 @@ class ChannelLags:
         return alone if largest > count / 2 else []
 
     def inverted(self, microphones: Floats, rate: float) -> list[int]:
-        """Channels, from 0, with inverted sign relative to the majority; see `late` for the arguments."""
+        """Channels, from 0, with inverted sign relative to the majority; empty if that is not clear.
+
+        Args:
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
+        """
         if self._sums is None:
             return []
         count = len(self._sums)
@@ -116,10 +121,11 @@ class ChannelLags:
         return groups[0] if len(groups) == 2 and alike and len(groups[0]) < len(groups[1]) else []
 
     def exchanged(self, microphones: Floats, rate: float) -> Exchange | None:
-        """Pairs of channels of which one pair seems exchanged, since delays fit no plane wave; see `late`.
+        """Pairs of channels of which one pair seems exchanged, since delays fit no plane wave; None if there are none.
 
         Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987). This detects an
         exchange only with more microphones than unknowns of the wave, and unless the exchange fits another plane wave.
+        Arguments as in `late`.
         """
         count = len(microphones)
         pairs = list(combinations(range(count), 2))
@@ -141,7 +147,15 @@ class ChannelLags:
         return Exchange(tuple(named), float(np.median(found[:, 0]))) if named else None
 
     def _within(self, i: int, j: int, microphones: Floats, rate: float, size: int = BLOCK) -> Bools:
-        """(size,) mask of lags possible for the distance of two microphones."""
+        """(size,) mask of lags, in the order of an FFT, that are possible for the distance of microphones i and j.
+
+        Args:
+            i: microphone.
+            j: microphone.
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
+            size: number of lags.
+        """
         limit = float(np.linalg.norm(microphones[i] - microphones[j])) * rate + SLACK_SAMPLES
         return np.asarray(np.abs(np.fft.fftfreq(size, 1.0 / size)) <= limit)
 
@@ -217,6 +231,10 @@ def _delay(found: Floats, near: Bools) -> float:
     """Lag [samples, fractional] of the peak of a correlation; NaN if it is not distinct.
 
     For broadband sound the peak is a sinc; its position follows from two neighbours (Foroosh et al. 2002).
+
+    Args:
+        found: (n,) correlation by lag, in the order of an FFT.
+        near: (n,) lags that are possible.
     """
     values = np.where(near, found, -np.inf)
     top = int(np.argmax(values))
@@ -229,20 +247,20 @@ def _delay(found: Floats, near: Bools) -> float:
 
 
 def _swapped(count: int, i: int, j: int) -> Ints:
-    """Channel numbers with two of them exchanged."""
+    """(count,) channel numbers with i and j exchanged."""
     out = np.arange(count)
     out[[i, j]] = j, i
     return out
 
 
 def _residual_maker(microphones: Floats, pairs: Sequence[tuple[int, int]]) -> Floats:
-    """(P, P) projection matrix: residual of the delays of pairs after a plane wave fit."""
+    """(P, P) projection matrix: residual of the delays of P pairs of `microphones` (M, 3) after a plane wave fit."""
     apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs])
     return np.eye(len(pairs)) - apart @ np.linalg.pinv(apart, rcond=1e-3)
 
 
 def _connected(fits: Bools) -> list[list[int]]:
-    """Groups of channels connected by fitting pairs."""
+    """Groups of channels connected by pairs that fit: `fits` (M, M) is a mask."""
     groups: list[list[int]] = []
     for channel in range(len(fits)):
         joined = [group for group in groups if fits[channel, group].any()]

@@ -36,13 +36,16 @@ def extents(microphones: Floats) -> tuple[int, Floats]:
 
 
 def direction(azimuth: Floats, elevation: Floats) -> Floats:
-    """(n, 3) unit vectors of directions."""
+    """(n, 3) unit vectors of directions with azimuths and elevations (n,) [rad]."""
     c = np.cos(elevation)
     return np.stack([c * np.cos(azimuth), c * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
 def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
-    """(M, length/2 + 1, S) Hann-windowed spectra of samples (n, M); S = 0 for fewer samples than `length`."""
+    """(M, length/2 + 1, S) Hann-windowed spectra of samples (n, M); S = 0 for fewer samples than `length`.
+
+    `hop` is the number of samples from one window to the next.
+    """
     M = samples.shape[1]
     if len(samples) < length:
         return np.empty((M, length // 2 + 1, 0), dtype=np.complex128)
@@ -52,7 +55,7 @@ def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
 
 
 def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
-    """(S,) mean power of each spectrum in some bins, over microphones; 1 for a full-scale sine."""
+    """(S,) mean power of each of the spectra X (M, F, S) in some bins, over microphones; 1 for a full-scale sine."""
     n = 2 * (X.shape[1] - 1)
     # Parseval, with the Hann window's mean square of 3/8 and the sine's of 1/2, on one side of the spectrum.
     full = n**2 * (3.0 / 8.0) * 0.5 / 2.0
@@ -140,7 +143,7 @@ class ArrayDirection(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Frequency bins that are used."""
+    """Frequency bins of a spectrum that are used to find directions."""
 
     rate: int
     length: int  # of a spectrum, samples
@@ -180,7 +183,10 @@ def library() -> ModuleType:
 
 
 def make_band(rate: int, config: DoaConfig) -> Band:
-    """Select the bins of the band; UsageError if the recording has fewer than three of them."""
+    """Select the frequencies of the band; UsageError if the recording has fewer than three of them.
+
+    `rate` is the number of samples per second.
+    """
     length = 1 << max(math.ceil(math.log2(config.window_s * rate)), 3)
     frequency = np.arange(length // 2 + 1) * rate / length
     bins = np.flatnonzero((frequency >= config.low_hz) & (frequency <= config.high_hz) & (frequency > 0))
@@ -199,6 +205,12 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
 
     UsageError where pyroomacoustics is missing, the band or the grid is unsuitable for the array, or the algorithm
     finds fewer sources than `config.max_sources`.
+
+    Args:
+        array: with its microphones.
+        rate: samples per second.
+        unit: of lengths in the scene.
+        config: algorithm, band and grid.
     """
     doa, band, speed = library(), make_band(rate, config), speed_of_sound(config, unit)
     _check_extent(array, band, speed, unit)
@@ -248,7 +260,7 @@ def speed_of_sound(config: DoaConfig, unit: str) -> float:
 def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -> None:
     """InputError if the travel time across an array exceeds the window, so that spectra are unrelated.
 
-    The grid becomes finer with the extent, up to 1 degree.
+    `speed` is that of sound, in `unit` per second.
     """
     window = band.length / band.rate
     extent = float(np.hypot.reduce(np.ptp(array.microphones, axis=0))) if len(array.microphones) else 0.0
@@ -261,7 +273,10 @@ def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -
 
 
 def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfig) -> DirectionGrid:
-    """Create the grid: a few directions per lobe of the array at the top of the band, 1 to 5 degrees apart."""
+    """Create the grid: a few directions per lobe of the array at the top of the band, 1 to 5 degrees apart.
+
+    `speed` is that of sound, in the unit of the microphones' positions. UsageError if the grid is too large.
+    """
     span = float(np.ptp(array.microphones, axis=0).max())
     lobe = np.degrees(2.0 * np.pi * speed / (float(band.omega[-1]) * span))
     step = config.grid_deg if config.grid_deg is not None else float(np.clip(lobe / POINTS_A_LOBE, 1.0, 5.0))
@@ -288,7 +303,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
-    """Directions in spectra (M, F, S), by decreasing confidence, at least `config.min_confidence`."""
+    """Directions in spectra X (M, F, S), by decreasing confidence, at least `config.min_confidence`."""
     config, grid = at.config, at.grid
     # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
     at.engine.locate_sources(X, num_src=max(config.max_sources, 1), freq_bins=at.band.bins)
@@ -307,7 +322,15 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
 def _with_uncertainty(
     at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int
 ) -> ArrayDirection:
-    """Direction with its standard deviations, between `FLOOR` and those of a uniform distribution."""
+    """Direction with its standard deviations, between `FLOOR` and those of a uniform distribution.
+
+    Args:
+        at: array, band and grid.
+        azimuth: in the array's frame [rad].
+        elevation: in the array's frame [rad].
+        agreement: coherence of the channels.
+        snapshots: number of spectra that it is from.
+    """
     count = float(np.clip(snapshots * INDEPENDENT, 1.0, MAX_INDEPENDENT))
     flat = len(at.grid.elevation) == 1
     # Without a third dimension the elevation is taken for known.
@@ -336,7 +359,10 @@ def _with_uncertainty(
 
 
 def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
-    """(2,) variances [rad^2] of azimuth and elevation due to the angle to the plane of a flat array."""
+    """(2,) variances [rad^2] of azimuth and elevation due to the angle to the plane of a flat array.
+
+    `normal` (3,) is the unit normal of the plane.
+    """
     u = direction(np.array(azimuth), np.array(elevation))
     out = float(abs(u @ normal))
     towards = normal - (normal @ u) * u
@@ -351,7 +377,10 @@ def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
 
 
 def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[int, int]]:
-    """Rows and columns of the highest local maxima that are allowed and sufficiently separated, highest first."""
+    """Rows and columns of the highest local maxima that are allowed and sufficiently separated, highest first.
+
+    `chart` (E, A) has the power at each elevation and azimuth of the grid.
+    """
     E = len(chart)
     padded = np.pad(np.pad(chart, ((1, 1), (0, 0)), constant_values=-np.inf), ((0, 0), (1, 1)), mode="wrap")
     around = [
@@ -377,7 +406,14 @@ def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[i
 
 
 def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[float, float]:
-    """Azimuth and elevation of the maximum, refined by parabolas through its neighbours."""
+    """Azimuth and elevation [rad] of a local maximum, refined by parabolas through its neighbours.
+
+    Args:
+        chart: (E, A) power at each elevation and azimuth.
+        grid: the directions.
+        row: of the maximum.
+        column: of the maximum.
+    """
     A = len(grid.azimuth)
     line = chart[row, [(column - 1) % A, column, (column + 1) % A]]
     azimuth = grid.azimuth[column] + _top(line) * (2.0 * np.pi / A)

@@ -75,7 +75,7 @@ def parse_most(text: str) -> int:
 
 
 def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
-    """Parse a list of channels (from 1) to indices (from 0)."""
+    """Parse a list of channels (from 1) to indices (from 0); UsageError for anything else or a repeated one."""
     text = ",".join(parts)
     if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
         raise UsageError(f"{option('channels')} {text}: expected numbers from 1, with commas")
@@ -86,7 +86,7 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Find directions and write them; return the summary and the losses."""
+    """Find directions of arrival in sound files and write them; return the summary and the losses."""
     plan = _plan(request)
     library()  # before anything is read
     scene = _scene(plan)
@@ -145,7 +145,7 @@ def _scene(plan: _Plan) -> Scene:
 
 
 def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
-    """Sound file of each array that has one."""
+    """Sound file of each array that has one, by name; UsageError if a file names no array, or two the same."""
     names = [a.name for a in scene.arrays]
     out: dict[str, Path] = {}
     for label, path in plan.sounds:
@@ -164,7 +164,11 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
 def _directions(
     scene: Scene, name: str, sound: Sound, plan: _Plan, tally: DoaTally, channels: Channels, job: Job
 ) -> Iterator[Doa]:
-    """Generate the directions of one array by world time."""
+    """Generate the directions of the array `name` by world time.
+
+    InputError for a file shorter than a frame, or with other channels than the array; `tally` and `channels` are
+    updated.
+    """
     array = next(a for a in scene.arrays if a.name == name)
     _check_channels(sound, array, plan.channels)
     text = for_sensor(plan.start_time, name)

@@ -24,7 +24,7 @@ MIN_SPECTRA = 3
 
 @dataclass
 class DoaTally:
-    """Counts of frames over a stream."""
+    """Counts of the frames of one array's sound."""
 
     frames: int = 0
     silent: int = 0  # frames without enough sound
@@ -65,7 +65,13 @@ def estimate_directions(
 
 
 def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int, Floats]]:
-    """Generate frames of audio: (index of the first sample, samples (size, M)); independent of block borders."""
+    """Generate frames of audio: (index of the first sample, samples (size, M)); independent of block borders.
+
+    Args:
+        blocks: samples (n, M) in order.
+        size: samples in a frame.
+        hop: samples from one frame to the next.
+    """
     held: list[Floats] = []
     have, first, skip = 0, 0, 0
     for block in blocks:
@@ -85,12 +91,12 @@ def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int,
 
 
 def frame_size(rate: int, config: DoaConfig) -> int:
-    """Number of samples in a frame, at least one window."""
+    """Number of samples in a frame at `rate` samples per second, at least one window."""
     return max(round(config.frame_s * rate), make_band(rate, config).length)
 
 
 def frames_of(samples: int, rate: int, config: DoaConfig) -> int:
-    """Number of complete frames in a recording."""
+    """Number of complete frames in a recording of `samples` samples, at `rate` per second."""
     size = frame_size(rate, config)
     hop = size if config.hop_s is None else max(round(config.hop_s * rate), 1)
     return max((samples - size) // hop + 1, 0)
@@ -113,6 +119,11 @@ def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
     """(S,) mask of spectra with sound.
 
     They are above `min_level_db`, and `min_snr_db` above the quietest level of the last `NOISE_S`.
+
+    Args:
+        at: band and settings.
+        X: spectra of S windows.
+        quiet: least level [dB] of each of the last frames, updated.
     """
     with np.errstate(divide="ignore"):
         level = 10.0 * np.log10(levels(X, at.band.bins))

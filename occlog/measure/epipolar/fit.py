@@ -27,7 +27,7 @@ class FundamentalMatrixFit(NamedTuple):
 
 
 def sampson(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N,) signed Sampson distances [px] of matches a, b (N, 2)."""
+    """(N,) signed Sampson distances [px] of matches a and b (N, 2) by the fundamental matrix (3, 3) from a to b."""
     fa, fb = homogeneous(a) @ matrix.T, homogeneous(b) @ matrix
     value = (homogeneous(b) * fa).sum(axis=1)
     length = np.sqrt(fa[:, 0] ** 2 + fa[:, 1] ** 2 + fb[:, 0] ** 2 + fb[:, 1] ** 2)
@@ -35,7 +35,10 @@ def sampson(matrix: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def sampson_slopes(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N, 3, 3) derivatives of the Sampson distances with respect to the entries of the matrix."""
+    """(N, 3, 3) derivatives of the Sampson distances with respect to the entries of the matrix (3, 3).
+
+    Of matches a (N, 2) and b (N, 2) [px].
+    """
     ha, hb = homogeneous(a), homogeneous(b)
     fa, fb = ha @ matrix.T, hb @ matrix
     fa[:, 2], value = 0.0, (hb * fa).sum(axis=1)
@@ -73,7 +76,7 @@ def _affine_matrix(normal: Floats, offset: float) -> Floats:
 
 
 def eight_points(a: Floats, b: Floats) -> Floats:
-    """(3, 3) matrix of rank 2 from at least 8 matches (N, 2), by the normalised eight-point algorithm."""
+    """(3, 3) matrix of rank 2 from matches a and b (N, 2), N at least 8, by the normalised eight-point algorithm."""
     # Normalised eight-point algorithm: linear least squares, then the nearest matrix of rank 2
     a1, b1, change_a, change_b = _about_zero(a, b)
     rows = homogeneous(b1)[:, :, None] * homogeneous(a1)[:, None, :]
@@ -129,7 +132,7 @@ def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: in
 
 
 def _about_zero(a: Floats, b: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Normalise points of both views to mean 0 and scale 1; return them with the transforms (3, 3).
+    """Normalise points a and b (N, 2) of both views to mean 0 and scale 1; return them with the transforms (3, 3).
 
     The scale is common, so that ratios of distances are preserved.
     """
@@ -160,7 +163,10 @@ def _rank2(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
-    """(7, 3, 3) derivatives of the matrix by rotations of u, rotations of v, and the angle."""
+    """(7, 3, 3) derivatives of the matrix u diag(cos angle, sin angle, 0) vt.
+
+    By three rotations of u (3, 3), three of v (`vt` (3, 3) is its transpose), and the angle [rad].
+    """
     middle = np.diag([np.cos(angle), np.sin(angle), 0.0])
     moved = np.diag([-np.sin(angle), np.cos(angle), 0.0])
     return np.concatenate(
@@ -169,7 +175,14 @@ def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> FundamentalMatrixFit:
-    """Fit with its noise and expected error; `tangents` (p, 3, 3) span the variations of the matrix."""
+    """Fit with its noise and expected error.
+
+    Args:
+        matrix: (3, 3) fundamental matrix.
+        tangents: (p, 3, 3) variations of the matrix by its p degrees of freedom.
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
+    """
     residuals = sampson(matrix, a, b)
     free = max(len(a) - len(tangents), 1)
     noise = float(np.sqrt((residuals**2).sum() / free))
@@ -187,7 +200,15 @@ def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fundament
 
 
 def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, b: Floats) -> float:
-    """Mean squared error [px^2] of epipolar lines in view b, at distances along them equal to the spread of points."""
+    """Mean squared error [px^2] of epipolar lines in view b, at distances along them equal to the spread of points.
+
+    Args:
+        matrix: (3, 3) fundamental matrix.
+        tangents: (p, 3, 3) variations of the matrix by its p degrees of freedom.
+        spread: (p, p) root of their covariance.
+        a: (N, 2) points in view a [px].
+        b: (N, 2) their matches in view b.
+    """
     lines = epipolar_lines(matrix, a)
     along = np.column_stack([-lines[:, 1], lines[:, 0]])
     reach = float(np.sqrt(((b - b.mean(axis=0)) ** 2).sum() / len(b)))
@@ -217,6 +238,11 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
     They are first-order distances, in the four coordinates of a match, from an exact match. With noise of standard
     deviation s in each, the square is s^2 times a chi-square of 2.
+
+    Args:
+        mapping: (3, 3) from a to b.
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
     """
     h = homogeneous(a) @ np.asarray(mapping).T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -231,7 +257,7 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def homography_parallax(a: Floats, b: Floats) -> float:
-    """Parallax [px] of matches (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
+    """Parallax [px] of matches a and b (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
 
     Root mean square of `homography_distances` of the best plane per degree of freedom: noise of standard deviation s in
     every coordinate gives about s.

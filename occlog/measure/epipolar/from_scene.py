@@ -171,6 +171,12 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
 
     If all inliers are on one plane, two degrees of freedom are determined by few wrong matches. So enough inliers must
     be off the plane, and most matches off the plane must be inliers.
+
+    Args:
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
+        inliers: (N,) mask.
+        noise: standard deviation of points [px].
     """
     parallax = homography_parallax(a[inliers], b[inliers])
     if parallax < PARALLAX * noise:
@@ -190,13 +196,23 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
 
 
 def _off_the_plane(a: Floats, b: Floats, noise: float) -> Bools:
-    """(N,) mask of matches off the plane (or camera rotation) with most matches."""
+    """(N,) mask of the matches a and b (N, 2) off the plane (or camera rotation) that fits most of them.
+
+    `noise` is the standard deviation of points [px].
+    """
     front, behind = (_off_one_plane(a, b, side, noise) for side in (1.0, -1.0))
     return front if front.sum() <= behind.sum() else behind
 
 
 def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
-    """Mask of matches off one plane, viewed from one side by both views (1), or from opposite sides (-1)."""
+    """(N,) mask of the matches a and b (N, 2) off one plane, all of them if none is found.
+
+    Args:
+        a: points in the first view [px].
+        b: their matches in the second view.
+        side: 1: both views see the same side of the plane; -1: opposite sides.
+        noise: standard deviation of points [px].
+    """
     mirror = np.array([side, 1.0])
     mapping, _ = cv2.findHomography(a, b * mirror, cv2.USAC_MAGSAC, PARALLAX * noise, maxIters=5_000, confidence=0.9999)
     off = np.ones(len(a), dtype=np.bool_)
@@ -211,7 +227,16 @@ def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
 
 
 def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[FundamentalMatrixFit, Bools, bool]:
-    """Best fit over its inliers, the mask of these, and whether it is affine."""
+    """Best fit over its inliers, the mask (N,) of these, and whether it is affine.
+
+    ValueError if no matrix agrees with the matches.
+
+    Args:
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
+        model: `affine`, `perspective`, or the better one of both.
+        threshold_px: largest Sampson distance of an inlier.
+    """
     candidates: list[tuple[FundamentalMatrixFit, Bools, bool]] = []
     if model != "affine":
         found = _magsac(a, b, threshold_px)
@@ -232,7 +257,14 @@ def _affine_will_do(
     full: tuple[FundamentalMatrixFit, Bools, bool],
     affine: tuple[FundamentalMatrixFit, Bools, bool],
 ) -> bool:
-    """Whether the perspective fit is not significantly better than the affine one with 3 unknowns less."""
+    """Whether the perspective fit is not significantly better than the affine one with 3 unknowns less.
+
+    Args:
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
+        full: perspective fit and mask of its inliers.
+        affine: affine fit and mask of its inliers.
+    """
     inliers, fit = full[1], full[0]
     n = int(inliers.sum())
     if n < MIN_MATCHES or affine[1].sum() < 0.9 * n:
@@ -244,7 +276,7 @@ def _affine_will_do(
 
 
 def _magsac(a: Floats, b: Floats, threshold_px: float) -> Floats | None:
-    """(3, 3) matrix by OpenCV's MAGSAC++ (deterministic); None if it finds none."""
+    """(3, 3) matrix by OpenCV's MAGSAC++ (deterministic) of matches a and b (N, 2); None if it finds none."""
     try:
         matrix, _ = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, threshold_px, 0.9999, 10_000)
     except cv2.error:
@@ -255,7 +287,10 @@ def _magsac(a: Floats, b: Floats, threshold_px: float) -> Floats | None:
 
 
 def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
-    """(3, 3) affine matrix of the random four matches with most, and nearest, inliers."""
+    """(3, 3) affine matrix of the random four of the matches a and b (N, 2) with most, and nearest, inliers.
+
+    The draws are the same each time; `threshold_px` is the largest distance of an inlier.
+    """
     both = np.hstack([b, a])
     rng = np.random.default_rng(0)  # the same sets every time
     sets = both[np.argsort(rng.random((AFFINE_DRAWS, len(both))), axis=1)[:, :4]]
@@ -270,7 +305,18 @@ def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
 def _settle(
     a: Floats, b: Floats, matrix: Floats, threshold_px: float, *, affine: bool
 ) -> tuple[FundamentalMatrixFit, Bools]:
-    """Alternate least squares over the inliers and reselection of inliers, until these are stable."""
+    """Alternate least squares over the inliers and reselection of inliers, until these are stable.
+
+    Args:
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
+        matrix: (3, 3) start.
+        threshold_px: largest Sampson distance of an inlier at first.
+        affine: fit an affine matrix.
+
+    Returns:
+        The last fit, and the mask (N,) of its inliers.
+    """
     fewest = 5 if affine else 8
     inliers = np.abs(sampson(matrix, a, b)) <= threshold_px
     fit = FundamentalMatrixFit(matrix, np.zeros(int(inliers.sum())), np.inf, np.inf)

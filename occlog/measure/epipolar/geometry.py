@@ -55,7 +55,7 @@ def _camera(name: str, scene: Scene | None) -> Camera | None:
 
 
 def _of_poses(a: Camera | None, b: Camera | None) -> Floats:
-    """(3, 3) fundamental matrix of two cameras with poses; NaN for others, or at the same position."""
+    """(3, 3) fundamental matrix from camera a to camera b; NaN without both poses, or at the same position."""
     if a is not None and b is not None and a.placed and b.placed:
         try:
             return fundamental_of_cameras(a, b)

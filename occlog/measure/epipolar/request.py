@@ -53,7 +53,10 @@ class EpipolarRequest(Request):
     )
     fundamental: Path | None = source("Use these matrices (JSON, or a recording that holds some).", metavar="FILE")
     check: bool = setting(
-        False, "Report how well the matches agree with the matrices or the poses.", option="--check", shown=""
+        False,
+        "Write nothing, and report how well the matches agree with the matrices or the poses.",
+        option="--check",
+        shown="",
     )
     settings: Mapping[str, object] = group(lambda: EpipolarConfig)
     cameras: tuple[str, ...] = setting(

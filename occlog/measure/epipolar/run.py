@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Estimate and write the matrices, or check them; return the summary and earlier losses."""
+    """Estimate and write fundamental matrices, or check them; return the summary and earlier losses."""
     _check_usage(request)
     config = EpipolarConfig(**request.settings)  # type: ignore[arg-type]
     recording = open_recording(request.recording) if request.recording is not None else None
@@ -82,7 +82,9 @@ def _check_usage(request: EpipolarRequest) -> None:
         )
     if output is not None and is_recording_name(output) and request.recording is None:
         raise UsageError(
-            f"{output}: a recording is copied; name the one that is to hold the matrices", id="missing-option"
+            f"{output}: is to be a copy of RECORDING with the matrices; give RECORDING, or an output that ends in "
+            ".json",
+            id="missing-option",
         )
 
 
@@ -93,7 +95,10 @@ def _scene(request: EpipolarRequest, recording: McapRecording | None) -> Scene |
 
 
 def _find(request: EpipolarRequest, config: EpipolarConfig, scene: Scene | None) -> ViewPairs:
-    """Fundamental matrices from a file, from matches or tracks, or from the poses of the scene."""
+    """Fundamental matrices from a file, from matches or tracks, or from the poses of the scene.
+
+    UsageError without any of these.
+    """
     if request.fundamental is not None:
         return read_epipolar(request.fundamental)
     if request.matches is not None or request.tracks is not None:
@@ -125,7 +130,15 @@ def _checks(
 
 
 def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMatches, ...]:
-    """Matches of the selected cameras; InputError if missing."""
+    """Matches between images of two cameras, from a file of matches or from tracks.
+
+    Args:
+        request: has the files, and the cameras that are selected; none: all.
+        config: which point of a person is matched.
+
+    Raises:
+        InputError: no pair of the selected cameras has matches.
+    """
     found = _of_tracks(request.tracks, config.points) if request.tracks is not None else ()
     if request.matches is not None:
         found = read_matches(request.matches)
@@ -142,7 +155,7 @@ def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMat
 
 
 def _of_tracks(path: Path, points: str) -> tuple[PointMatches, ...]:
-    """Matches from view tracks or true boxes."""
+    """Matches from view tracks or true boxes; `points` names the point of a person that is matched."""
     opened = open_input(path, TruthBoxes, ViewTracks)
     if opened.has(TruthBoxes):
         return matches_of_tracks(opened.rows(TruthBoxes), str(path), points)
@@ -173,14 +186,14 @@ def _check_names(pairs: ViewPairs, recording: McapRecording) -> None:
 
 
 def _warn(pairs: ViewPairs, scene: Scene | None, job: Job) -> None:
-    """Note cameras that are in no pair."""
+    """Note cameras of the scene that are in no pair."""
     used = {name for p in pairs.pairs for name in (p.a, p.b)}
     if rest := [c.name for c in (scene.cameras if scene is not None else ()) if c.name not in used]:
         job.note(f"no fundamental matrix of {', '.join(rest)}")
 
 
 def _summary(pair: ViewPair) -> dict[str, object]:
-    """Figures of one pair."""
+    """Figures of one pair of views for the summary."""
     out: dict[str, object] = {"source": pair.source, "undistorted": pair.undistorted}
     if pair.source == "calibration":
         return out

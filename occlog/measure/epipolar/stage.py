@@ -81,6 +81,8 @@ def checked_pairs(
 ) -> tuple[PairCheck, ...]:
     """Agreement of each pair's matches with its matrix.
 
+    `scene` has the lenses; None: points are without distortion. Errors up to `tolerance_px` agree.
+
     Raises:
         InputError: no matrix is known of a pair that has matches, it is for other pixels, or
             the matches are too few to determine one.
@@ -141,7 +143,10 @@ def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_p
 
 
 def _ideal(m: PointMatches, scene: Scene | None) -> tuple[Floats, Floats, bool]:
-    """Points of both views without lens distortion, and whether there was any."""
+    """Points (N, 2) of both views without lens distortion [px], and whether there was any.
+
+    Without a scene there is none.
+    """
     cameras = [None if scene is None else _camera(scene, name, m.where) for name in (m.a, m.b)]
     points = [
         ideal_pixels(camera, p) if camera is not None and bends(camera) else p
@@ -201,7 +206,10 @@ class _Sample:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
 
     def add(self, block: Floats) -> None:
-        """Add the matches (N, 2, 2) of a random share of time steps; halve the share when too many are kept."""
+        """Add the matches `block` (N, 2, 2: view, coordinate) of a time step, if it is drawn.
+
+        A random share of time steps is; it is halved when too many matches are kept.
+        """
         lot = float(self.rng.random())
         if lot < self.share:
             self.kept.append((lot, block))
@@ -212,7 +220,7 @@ class _Sample:
             self.size = sum(len(block) for _, block in self.kept)
 
     def matches(self, a: str, b: str, where: str) -> PointMatches:
-        """Kept matches, at most `MAX_MATCHES`, but at least one time step."""
+        """Kept matches of views a and b, at most `MAX_MATCHES`, but at least one time step; `where` is for messages."""
         lots = np.array([lot for lot, _ in self.kept])
         order = np.argsort(lots)
         sizes = np.cumsum([len(self.kept[k][1]) for k in order])
@@ -228,7 +236,7 @@ ViewDetections = dict[str, Shown]
 
 
 def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> Iterator[ViewDetections]:
-    """Group detections of the views within a window, each view at one time."""
+    """Group detections of the views, at rising times [ns], within `window_ns`, each view at one time."""
     step: ViewDetections = {}
     begin = 0
     for t_ns, shown in times:
@@ -243,7 +251,7 @@ def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> 
 
 
 def _times(chunks: Iterable[ViewTracks] | Iterable[TruthBoxes]) -> Iterator[tuple[int, ViewDetections]]:
-    """Group rows by time and view, independent of chunk borders."""
+    """Generate time [ns] and detections of each view, independent of chunk borders."""
     shown: ViewDetections = {}
     last = 0
     for chunk in chunks:

@@ -83,7 +83,12 @@ def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats
     """(N, 2) mean of the detections weighted by quality; NaN with no detection ([Lee] Eq. 4.22).
 
     The weights are relative to the largest, so that they do not all underflow for distant detections. Without a
-    prediction (NaN) the weights are equal. Arguments as in `quality`.
+    prediction (NaN) the weights are equal.
+
+    Args:
+        positions: (N, J, 2) detections of J cameras; NaN: none.
+        predicted: (N, 2) predictions.
+        sigma: standard deviation of detections from the prediction.
     """
     detected = _detected(positions)
     exponent = np.where(detected, np.nan_to_num(_exponent(positions, predicted[:, None, :], sigma)), np.inf)
@@ -148,9 +153,18 @@ def weighted_value(
     observing: Bools | None = None,
     edge: float = EDGE,
 ) -> Floats:
-    """(N,) prior log odds plus the terms of all cameras (natural log); `weight` (N, J) is added for detections.
+    """(N,) prior log odds plus the terms of all cameras (natural log).
 
-    With weight 0 it is [Lee] Eq. 4.3, with log W/(1 - W) Eq. 4.13. Other arguments as in `decision_value`.
+    With weight 0 it is [Lee] Eq. 4.3, with log W/(1 - W) Eq. 4.13.
+
+    Args:
+        detected: (N, J) detections of J cameras.
+        weight: (N, J) added for detections.
+        prior: probability of an object.
+        p_miss: of a missed detection, for each camera or one for all.
+        p_false: of a false alarm, likewise.
+        observing: (N, J) cameras that count; None: all.
+        edge: probabilities are limited to [edge, 1 - edge].
     """
     miss, false = (np.clip(np.asarray(p, dtype=np.float64), edge, 1.0 - edge) for p in (p_miss, p_false))
     hit_term = np.log1p(-miss) - np.log(false) + weight
@@ -203,7 +217,15 @@ def fuse(
 
 
 def _causes(positions: Floats, xy: Floats, declared: Bools, observing: Bools, gate: float) -> Codes:
-    """(N, J) classification of each local detection (index in CAUSES)."""
+    """(N, J) classification of each local detection (index in CAUSES).
+
+    Args:
+        positions: (N, J, 2) detections of J cameras; NaN: none.
+        xy: (N, 2) global positions.
+        declared: (N,) an object is declared.
+        observing: (N, J) cameras that count.
+        gate: detections farther from the global position are removed.
+    """
     far = _distance(positions, xy[:, None, :]) > gate
     if_declared = np.where(_detected(positions), np.where(far, REMOVED_FAR, KEPT), RECOVERED)
     if_not = np.where(_detected(positions), REMOVED_FALSE, NOTHING)
@@ -218,7 +240,7 @@ def _log_odds(p: Floats, edge: float) -> Floats:
 
 
 def _exponent(a: Floats, b: Floats, sigma: float) -> Floats:
-    """Return the squared distance of two positions over 2 sigma^2."""
+    """(...) squared distances of positions a and b (..., 2), over 2 sigma^2."""
     return np.asarray(((a - b) ** 2).sum(axis=-1) / (2.0 * sigma**2))
 
 
@@ -246,7 +268,7 @@ class LocalDirections(NamedTuple):
     sigma_distance: Floats  # (R,)
 
     def take(self, rows: Ints | Bools) -> LocalDirections:
-        """Select rows."""
+        """Select directions by a mask or indices."""
         return LocalDirections(
             sensor=self.sensor[rows],
             origin=self.origin[rows],
@@ -258,7 +280,7 @@ class LocalDirections(NamedTuple):
 
 
 class PositionWithCovariance(NamedTuple):
-    """A position with its uncertainty."""
+    """A position on the ground with its covariance."""
 
     xy: Floats  # (2,)
     cov: Floats  # (2, 2)
@@ -346,14 +368,14 @@ class MotionEstimate(NamedTuple):
 
 
 def begin(t_ns: int, position: PositionWithCovariance, speed: float) -> MotionEstimate:
-    """Initiate a target at a position; velocity components are 0 with standard deviation `speed`."""
+    """Initiate a target at a position and time [ns]; velocity components are 0 with standard deviation `speed`."""
     cov = np.zeros((4, 4))
     cov[:2, :2], cov[2, 2], cov[3, 3] = position.cov, speed**2, speed**2
     return MotionEstimate(t_ns, np.append(position.xy, [0.0, 0.0]), cov)
 
 
 def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstimate:
-    """Predict to a later time ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
+    """Predict to the time `t_ns` [ns] ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
     dt = (t_ns - motion.t_ns) * 1e-9
     step = np.eye(4)
     step[0, 2] = step[1, 3] = dt
@@ -362,12 +384,15 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
 
 
 def corrected_by_place(motion: MotionEstimate, position: PositionWithCovariance) -> MotionEstimate:
-    """Update by a position measurement."""
+    """Kalman update of the motion of an object by a measured position."""
     return _corrected(motion, np.eye(2, 4), position.xy - motion.mean[:2], position.cov)
 
 
 def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionEstimate:
-    """Update by one line of sight, or several nearly parallel ones; distances are not used."""
+    """Kalman update of the motion of an object by lines of sight, one after the other; their distances are not used.
+
+    Lines that point away from the object are omitted.
+    """
     for row in range(len(sight.azimuth)):
         offset, variance = deviations(sight.take(np.array([row])), motion.position)
         away = motion.mean[:2] - sight.origin[row]
@@ -379,7 +404,14 @@ def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionE
 
 
 def _corrected(motion: MotionEstimate, H: Floats, innovation: Floats, R: Floats) -> MotionEstimate:
-    """Kalman update (Joseph form)."""
+    """Kalman update (Joseph form) of x, y, vx, vy.
+
+    Args:
+        motion: before.
+        H: (m, 4) measurement matrix.
+        innovation: (m,) measured minus predicted.
+        R: (m, m) covariance of the measurement.
+    """
     P = motion.cov
     gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     rest = np.eye(4) - gain @ H

@@ -79,8 +79,8 @@ def decide(
     Args:
         memory: of the object.
         t_ns: the time step, after the memory's.
-        sight: local detections of it, at most one a camera; `sensor` is a position in `cameras`.
-        observing: positions in `cameras` of the cameras that delivered a frame, rising.
+        sight: local detections of it, at most one a camera; `sensor` is an index in `cameras`.
+        observing: indices in `cameras` of the cameras that delivered a frame, rising.
         cameras: those with a pose.
         config: settings in the scene's unit.
     """
@@ -127,10 +127,17 @@ def decide(
 def agreeing(
     sight: LocalDirections, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> Ints:
-    """Select the detections that determine the global position; empty if they determine no position.
+    """Select those of the detections `rows` that determine the global position; empty if they determine none.
 
     These are the lines that intersect at one position; without an intersection, the one nearest to the prediction;
     without a prediction, one with known distance and those that agree with it.
+
+    Args:
+        sight: all detections of the time step.
+        rows: indices of those that may be of the object.
+        motion: prediction; None: there is none.
+        cameras: where they stand.
+        config: gate, and smallest angle of an intersection.
     """
     if len(rows) > 1:
         mine = sight.take(rows)
@@ -150,7 +157,10 @@ def agreeing(
 def _meeting(
     sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> PositionWithCovariance | None:
-    """Position where most lines intersect (on ties the nearest to the prediction); None without an intersection."""
+    """Position where most lines intersect (on ties the nearest to the prediction); None without an intersection.
+
+    `sight` are the lines, `motion` is the prediction, if any.
+    """
     crossing = math.radians(config.min_triangulation_angle_deg)
     everything = triangulate(
         sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
@@ -173,7 +183,10 @@ def _meeting(
 def _locate(
     motion: MotionEstimate | None, t_ns: int, sight: LocalDirections, config: FuseConfig
 ) -> tuple[PositionWithCovariance, MotionEstimate]:
-    """Global position from the determining detections, and the updated motion."""
+    """Global position at `t_ns` [ns] from the detections `sight` that determine it, and the updated motion.
+
+    `motion` is predicted to this time; None: the object is new.
+    """
     position = meet(sight, math.radians(config.min_triangulation_angle_deg))
     if motion is None:
         if position is None:  # `agreeing` gives lines that meet, or distances
@@ -193,7 +206,15 @@ def _predicted_object(
     memory: ObjectMemory,
     config: FuseConfig,
 ) -> tuple[MotionEstimate, int]:
-    """Motion and hit count of a tentative object that is detected again, or of a new one."""
+    """Motion and hit count of a tentative object that is detected again, or of a new one.
+
+    Args:
+        held: motion of the tentative object, predicted.
+        new: motion of a new object.
+        position: global position of the detections.
+        memory: has the hit count before.
+        config: gate and noise.
+    """
     away = position.xy - held.mean[:2]
     spread = held.position.cov + position.cov + config.sigma_prediction**2 * np.eye(2)
     if away @ np.linalg.solve(spread, away) > config.detection_gate**2:
@@ -208,7 +229,10 @@ def _across(sight: LocalDirections, position: PositionWithCovariance) -> Floats:
 
 
 def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
-    """P_1 of [Lee] Eqs. 4.23-4.24, with the prediction's covariance included in the spread."""
+    """P_1 of [Lee] Eqs. 4.23-4.24, 0 to 1, by the distance of the position from the prediction.
+
+    The prediction's covariance is added to the spread `sigma2`.
+    """
     away = position.xy - predicted.xy
     spread = predicted.cov + sigma2 * np.eye(2)
     return float(np.exp(-0.5 * away @ np.linalg.solve(spread, away)))
@@ -217,7 +241,15 @@ def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, 
 def _nothing(
     motion: MotionEstimate | None, memory: ObjectMemory, kept: Bools, value: float, config: FuseConfig
 ) -> Decision:
-    """Decision without an object; a prediction without recent detections is dropped, a new one at once."""
+    """Decision without an object; a prediction without recent detections is dropped, a new one at once.
+
+    Args:
+        motion: prediction; None: there is none.
+        memory: of the object.
+        kept: mask of detections that stay.
+        value: log odds of the decision.
+        config: how long predictions are kept.
+    """
     absent = memory.absent + 1
     after = (
         ObjectMemory()
@@ -232,7 +264,8 @@ def _single_line_updates(
 ) -> Decision:
     """Decision without a global position: each line is decided by the cameras that see at least half of it.
 
-    Detections of other cameras support a line if they intersect it.
+    Detections of other cameras support a line if they intersect it. `observing` are the indices of the cameras that
+    have a frame.
     """
     kept = np.zeros(len(sight.azimuth), dtype=np.bool_)
     values = np.empty(len(kept))
@@ -301,7 +334,10 @@ def fuse_candidates(
 def _shared_out(
     objects: Sequence[ObjectMemory], t_ns: int, sight: LocalDirections, rows: Ints, config: FuseConfig
 ) -> list[Ints]:
-    """Rows assigned to each object: at most one per camera, within reach of the prediction."""
+    """Rows assigned to each object at `t_ns` [ns]: at most one per camera, within reach of the prediction.
+
+    `rows` are indices in `sight` of the candidates.
+    """
     out: list[list[int]] = [[] for _ in objects]
     if objects and len(rows):
         mine = sight.take(rows)
@@ -321,9 +357,10 @@ def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseCo
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
-    """Generate groups of candidates that may be of one object.
+    """Generate groups of candidates, as indices in `sight`, that may be of one object.
 
-    First those that intersect, the largest groups first; then those with coincident feet; then the rest, one by one.
+    First those of `rows` that intersect, the largest groups first; then those with coincident feet; then the rest, one
+    by one.
     """
     left = rows
     for position in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
@@ -352,7 +389,10 @@ def _standing(sight: LocalDirections) -> list[PositionWithCovariance]:
 
 
 def _nearest(sight: LocalDirections, rows: Ints, position: PositionWithCovariance, gate: float) -> Ints:
-    """Rows near a position, the nearest of each camera."""
+    """Those of `rows` (indices in `sight`) near a position, the nearest of each camera, sorted.
+
+    `gate` is the largest normalised distance.
+    """
     off = misfit(sight.take(rows), position)
     out = []
     for camera in np.unique(sight.sensor[rows]).tolist():

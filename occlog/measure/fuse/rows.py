@@ -67,7 +67,10 @@ def _joined(held: T, more: T) -> T:
 
 
 def time_step_rows(bearings: Bearings, window_ns: int) -> Ints:
-    """(M + 1,) first rows of the time steps, then the number of rows."""
+    """(M + 1,) first rows of the M time steps of sorted bearings, then the number of rows.
+
+    A step ends `window_ns` after its first row, and before a second time of one sensor; with 0 it is of one time.
+    """
     t = bearings.t_ns
     if not len(t):
         return np.zeros(1, dtype=np.int64)
@@ -128,15 +131,23 @@ class FusionRows:
         self._views, self._view_of = part.views, views_of(part.views, part.bearings)
 
     def keep(self, rows: Ints) -> None:
-        """Mark detections as kept."""
+        """Mark the detections `rows` as kept."""
         self.cause[rows] = KEPT
 
     def remove(self, rows: Ints) -> None:
-        """Mark detections as removed, since other cameras contradict them."""
+        """Mark the detections `rows` as removed, since other cameras contradict them."""
         self.cause[rows] = REMOVED
 
     def recover(self, t_ns: int, camera: int, target: int, position: PositionWithCovariance, row: int | None) -> None:
-        """Add a detection at the global position for a camera that missed an object, in its row or a new one."""
+        """Add a detection at the global position for a camera that missed an object, in its row or a new one.
+
+        Args:
+            t_ns: time of the camera's frame [ns].
+            camera: index of the camera.
+            target: identity, or `UNLABELLED`.
+            position: global position.
+            row: of the camera for this target; None: it has none.
+        """
         self._new.append((t_ns, camera, target, position))
         if target == UNLABELLED:
             self._fresh.add((t_ns, camera))
@@ -146,7 +157,7 @@ class FusionRows:
     def tidy_candidates(self, first: int, last: int) -> None:
         """Keep at most one "not detected" row of each camera's candidates, and none if a candidate is kept.
 
-        To be called after all decisions of a time step.
+        To be called after all decisions of a time step, which has the rows from `first` up to, not including, `last`.
         """
         rows = np.arange(first, last)
         mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.camera_of[first:last] >= 0)]

@@ -35,7 +35,7 @@ MAX_REMOVED = 0.2
 
 
 def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse and write the detections; return the summary and earlier losses."""
+    """Fuse detections of several cameras and write them; return the summary and earlier losses."""
     if request.fused_views is not None and request.views is None:
         raise UsageError(
             f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}",
@@ -68,7 +68,7 @@ class FuseTally:
     """Counts of a fusion for the summary."""
 
     def __init__(self, scene: Scene, config: FuseConfig) -> None:
-        """Start with no figures."""
+        """Start with no figures, for the cameras of a scene."""
         cameras = placed_cameras(scene, config)
         self._false = dict(zip(cameras.names, cameras.p_false.tolist(), strict=True))
         self.totals: Counter[str] = Counter()

@@ -128,7 +128,14 @@ def _fuse_part(
 
 
 def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> LocalDirections:
-    """Convert all rows to lines of sight (rows of other sensors get a placeholder, which is unused)."""
+    """Convert N bearings to lines of sight (rows of other sensors get a placeholder, which is unused).
+
+    Args:
+        bearings: N rows.
+        camera_of: (N,) index of the camera; -1: another sensor.
+        cameras: where they stand.
+        distance: (N, 2) distance of the feet and its standard deviation; NaN: unknown.
+    """
     ground = np.array([c.ground for c in cameras.placed])
     return LocalDirections(
         sensor=camera_of,
@@ -141,7 +148,7 @@ def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, dista
 
 
 class _FusionStep(NamedTuple):
-    """Rows of one time step."""
+    """One time step: its rows, and the cameras that have a frame."""
 
     t_ns: int
     rows: Ints  # of the bearings of cameras
@@ -152,7 +159,10 @@ class _FusionStep(NamedTuple):
 def _fuse_step(
     ledger: FusionRows, sight: LocalDirections, first: int, last: int, state: _FusionState, config: FuseConfig
 ) -> None:
-    """Decide about all targets and candidates in the rows first <= row < last of one time step."""
+    """Decide about all targets and candidates in the rows first <= row < last of one time step.
+
+    Updates the ledger and the state.
+    """
     rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
     observing = np.unique(ledger.camera_of[rows])
     if not len(observing):
@@ -188,7 +198,10 @@ def _fuse_target(
     state: _FusionState,
     config: FuseConfig,
 ) -> None:
-    """Decide about one target at one time step; InputError where a camera has two rows for it."""
+    """Decide about one target at one time step; updates the ledger and state.
+
+    InputError where a camera has two rows for it.
+    """
     own = step.rows[ledger.bearings.target_id[step.rows] == target]
     row_of = {int(ledger.camera_of[r]): r for r in own.tolist()}
     if len(row_of) < len(own):

@@ -41,7 +41,10 @@ class PlacedCameras:
         return tuple(c.name for c in self.placed)
 
     def sees(self, xy: Floats, which: int) -> Bools:
-        """(N,) mask of positions (N, 2) that a camera can see: field of view, range, walls, image border."""
+        """(N,) mask of positions `xy` (N, 2) that a camera can see: field of view, range, walls, image border.
+
+        `which` is the index of the camera.
+        """
         seen = seen_from(np.ascontiguousarray(xy), which, self.sensors)
         camera = self.placed[which]
         if self.person_height is None or camera.image_size is None or not camera.above_floor:
@@ -129,7 +132,7 @@ New = tuple[int, int, int, PositionWithCovariance]
 
 
 def views_of(views: Views, bearings: Bearings) -> Ints:
-    """(N,) row of the view of each bearing, -1 for none: same sensor, time and bearing."""
+    """(N,) row of the view of each of N bearings, -1 for none: same sensor, time and bearing."""
     rows = {
         key: row
         for row, key in enumerate(zip(views.t_ns.tolist(), views.sensor.tolist(), views.bearing.tolist(), strict=True))
@@ -140,7 +143,7 @@ def views_of(views: Views, bearings: Bearings) -> Ints:
 
 
 def feet(views: Views, cameras: PlacedCameras) -> Floats:
-    """(V, 2) ground distance of each view's feet, and its standard deviation; NaN if not visible.
+    """(V, 2) ground distance of the feet of each of V views, and its standard deviation; NaN if not visible.
 
     Feet are at the middle of the lower edge, on the floor z = 0. NaN for a camera of unknown height, a box at the image
     border, or one too short or too tall for a person at that position.
@@ -216,7 +219,14 @@ def recovered_views(
 def _numbers(
     views: Views, bearings: Bearings, frames: dict[str, int], counts: dict[tuple[int, str], int]
 ) -> dict[tuple[int, str], int]:
-    """Frame number of each time and sensor; clusters in each frame are counted in `counts`."""
+    """Frame number of each time and sensor in views or bearings, one after another for frames without views.
+
+    Args:
+        views: with frame numbers.
+        bearings: of the same frames.
+        frames: last number of each sensor, updated.
+        counts: number of clusters in each frame, updated.
+    """
     number_of: dict[tuple[int, str], int] = {}
     for t_ns, name, number in zip(views.t_ns.tolist(), views.sensor.tolist(), views.frame.tolist(), strict=True):
         number_of[t_ns, name] = number
@@ -232,7 +242,17 @@ def _numbers(
 def _view(
     t_ns: int, camera: Camera, frame: int, cluster: int, target: int, position: PositionWithCovariance, height: float
 ) -> Views:
-    """View of a person's box at a position."""
+    """Row of `Views` of a person's box at a position.
+
+    Args:
+        t_ns: time [ns].
+        camera: that sees it.
+        frame: number of the frame.
+        cluster: number of the box in it.
+        target: identity.
+        position: of the person.
+        height: of the person, in scene units.
+    """
     middle, spans = person_in_image(camera, position.xy[None], height)
     x, y = middle[0].tolist()
     cov = np.einsum("ki,kj->ij", spans[0], spans[0]) / 12.0

@@ -60,7 +60,15 @@ class Embedder:
     length: int
 
     def vectors(self, image: Image, boxes: Floats) -> Floats32:
-        """(n, `length`) unit embeddings of boxes (n, 4) in an image; NaN if the network returns no valid vector."""
+        """Embeddings of boxes in an image: vectors of unit length, by which people are recognised.
+
+        Args:
+            image: (height, width, 3) BGR.
+            boxes: (n, 4) left, top, right, bottom [px].
+
+        Returns:
+            (n, `length`) vectors; NaN where the network returns none that can be normalised.
+        """
         width, height = self.network.size
         out = np.empty((len(boxes), self.length), dtype=np.float32)
         step = MAX_CROPS if self.network.open_batch else self.network.batch
@@ -91,7 +99,7 @@ class Embedder:
 
 
 def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
-    """Load a network for re-identification.
+    """Load a network for re-identification, to run with a number of threads.
 
     Raises:
         InputError: the file is not such a network, or cannot be run.
@@ -166,7 +174,7 @@ class Boxed(NamedTuple):
 
 
 def _select(found: NetworkDetections, rows: Ints) -> NetworkDetections:
-    """Select detections by rows."""
+    """Select detections by indices `rows`."""
     return NetworkDetections(found.boxes[rows], found.score[rows], found.label[rows])
 
 
@@ -248,7 +256,7 @@ class NetworkDetector:
         return found
 
     def _merged(self, image: Prepared, found: Sequence[NetworkDetections | None]) -> Boxed | None:
-        """Merge the boxes of an image's tiles, each object once."""
+        """Merge the boxes found in each of an image's tiles, each object once; None if that of a tile is None."""
         if any(raw is None for raw in found):
             return None
         repeats = HEADS[self.reading.head].repeats

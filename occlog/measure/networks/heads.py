@@ -167,7 +167,14 @@ def shapes(outputs: Outputs) -> str:
 
 
 def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more: bool) -> list[str]:
-    """Candidate heads for these outputs, by names, number of classes, and number of positions of YOLO."""
+    """Candidate heads for these outputs, by names, number of classes, and number of positions of YOLO.
+
+    Args:
+        outputs: of a run, by name.
+        size: width and height of the input [px].
+        names: number of classes that the network names; None: it names none.
+        more: outputs may have more columns than classes, such as masks.
+    """
     of_dets = RTMDET if "dets" in outputs and outputs["dets"].shape[-1:] == (5,) else RFDETR
     for head in (of_dets if "dets" in outputs else DETR, RTDETR):
         if _reading(outputs, head, names) is not None:
@@ -196,7 +203,14 @@ def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more
 
 
 def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False) -> Reading | None:
-    """Interpret the outputs as those of a head, with `more` numbers after the classes; None if impossible."""
+    """Interpret the outputs as those of a head; None if impossible.
+
+    Args:
+        outputs: of a run, by name.
+        head: name of the head.
+        names: number of classes that the network names; None: it names none.
+        more: numbers after the classes are allowed.
+    """
     if head in BOXES:
         wanted = [_one(outputs, each.get(head)) for each in (BOXES, SCORES, LABELS)]
         if None in wanted:
@@ -229,7 +243,7 @@ def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False)
 
 
 def _one(outputs: Outputs, known: Sequence[str] | None) -> str | None:
-    """The output with one of these names; empty if none is required, None if missing."""
+    """Name of the first output with one of these names; empty if none is required (None), None if it is missing."""
     return "" if known is None else next((name for name in known if name in outputs), None)
 
 
@@ -285,7 +299,15 @@ def read(
 def _best(
     boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes with a requested class as their best one."""
+    """Boxes with a requested class as their best one.
+
+    Args:
+        boxes: (N, 4).
+        scores: (N, C) confidences of the classes, 0 to 1.
+        objectness: (N,) factors of the scores; None: there are none.
+        wanted: numbers of the requested classes.
+        least: smallest confidence.
+    """
     if objectness is not None:
         _check_scores(YOLOV5, objectness)
     _check_scores(YOLO, scores)
@@ -301,7 +323,14 @@ def _best(
 
 
 def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> NetworkDetections:
-    """Boxes among the N highest scores over N boxes and all classes."""
+    """Boxes of requested classes among the N highest scores over N boxes and all classes; a box may come twice.
+
+    Args:
+        boxes: (N, 4).
+        logits: (N, C) of the classes.
+        wanted: numbers of the requested classes.
+        least: smallest confidence.
+    """
     with np.errstate(over="ignore"):
         scores = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
     enough = scores >= least
@@ -314,7 +343,15 @@ def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> N
 
 
 def _edges(boxes: Floats, size: tuple[float, float]) -> Floats:
-    """Edges left, top, right, bottom of boxes given by centre and size, times the image size."""
+    """Edges of boxes that a network states by centre and size.
+
+    Args:
+        boxes: (n, 4) x and y of the centre, width, height; in shares of the input image or in pixels.
+        size: factors of x and y: width and height of the network's input [px], or 1 and 1.
+
+    Returns:
+        (n, 4) left, top, right, bottom [px].
+    """
     scale = np.array(size, dtype=np.float64)
     centre, half = boxes[:, :2] * scale, 0.5 * boxes[:, 2:] * scale
     return np.concatenate([centre - half, centre + half], axis=1)
@@ -369,7 +406,7 @@ class ClassNames(NamedTuple):
 
 
 def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
-    """Parse the class names in an ultralytics model (`names`: a dictionary or a list); None if missing.
+    """Parse the class names in the metadata of an ultralytics model (`names`: a dictionary or a list); None if missing.
 
     Raises:
         InputError: they cannot be read.
@@ -448,6 +485,11 @@ def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path |
 
 def wanted_classes(asked: Sequence[str], names: ClassNames, count: int | None) -> Ints:
     """Sorted numbers of the requested classes; default: person, or the only class.
+
+    Args:
+        asked: names or numbers.
+        names: of the network's classes.
+        count: number of its classes; None: unknown.
 
     Raises:
         UsageError: a class that is not there, with the nearest name.

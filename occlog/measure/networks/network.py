@@ -132,12 +132,21 @@ def _inputs(file: OnnxFile) -> tuple[Port, str]:
 
 
 def _ports(ports: tuple[Port, ...] | list[Port]) -> str:
-    """Format inputs for messages."""
+    """Names, types and shapes of inputs, for messages."""
     return ", ".join(f"{p.name} {p.kind} {' x '.join(str(n or '?') for n in p.shape or ())}".strip() for p in ports)
 
 
 def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple[int, int] | None) -> tuple[int, int]:
-    """Input width and height of a network: fixed, else requested, else from its metadata."""
+    """Input width and height of a network: fixed, else requested, else from its metadata.
+
+    UsageError if the size is open, or another one was requested; InputError if it is too large.
+
+    Args:
+        file: the network.
+        wide: fixed width; None: open.
+        high: fixed height; None: open.
+        asked: width and height that the user requests; None: none.
+    """
     requested = asked
     if requested is None and (wide is None or high is None):
         try:
@@ -191,7 +200,10 @@ def tiles_of(text: str | None) -> tuple[int, int]:
 
 
 def tile_edges(length: int, count: int) -> list[tuple[int, int]]:
-    """First and end pixel of equal tiles that cover an image side and overlap by `TILE_OVERLAP`."""
+    """First pixel, and pixel after the last, of equal tiles that cover an image side and overlap by `TILE_OVERLAP`.
+
+    `length` is that of the side [px], `count` the number of tiles.
+    """
     side = min(length, math.ceil(length / (count - (count - 1) * TILE_OVERLAP)))
     starts = [round(n * (length - side) / (count - 1)) for n in range(count)] if count > 1 else [0]
     return [(start, start + side) for start in starts]
@@ -261,7 +273,14 @@ def image_placement(size: tuple[int, int], wanted: tuple[int, int], fit: str) ->
 
 
 def laid(image: Image, wanted: tuple[int, int], where: ImagePlacement, smooth: bool) -> Image:
-    """Resize and pad a BGR image to the network's input (H, W, 3); `smooth` averages when reducing."""
+    """Resize and pad a BGR image to the network's input (H, W, 3).
+
+    Args:
+        image: (h, w, 3).
+        wanted: W and H.
+        where: scales and offset of the image in the input.
+        smooth: average when reducing.
+    """
     W, H = wanted
     new = (round(where.x_scale * where.width), round(where.y_scale * where.height))
     if new != (where.width, where.height):
@@ -279,7 +298,10 @@ def laid(image: Image, wanted: tuple[int, int], where: ImagePlacement, smooth: b
 
 
 def fill(out: Floats32, image: Image, pixels: str) -> None:
-    """Write the normalised values (3, H, W) of a BGR image (H, W, 3)."""
+    """Write the normalised values of a BGR image (H, W, 3) to `out` (3, H, W).
+
+    `pixels` is the name of the scaling in `PIXELS`.
+    """
     red_first, table = PIXELS[pixels]
     planes = cv2.split(image)
     for c in range(3):
@@ -287,7 +309,7 @@ def fill(out: Floats32, image: Image, pixels: str) -> None:
 
 
 def crop(image: Image, box: Floats, wanted: tuple[int, int]) -> Image:
-    """Crop a box (left, top, right, bottom) and resize it to (width, height).
+    """Crop a box (left, top, right, bottom) [px] from an image and resize it to `wanted` (width, height).
 
     All pixels that the box touches are included, at least one.
     """

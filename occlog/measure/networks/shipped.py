@@ -20,10 +20,10 @@ NMS_IOU = 0.5
 
 
 def shipped_network() -> Path:
-    """Path of the network file."""
+    """Path of the person network that comes with occlog."""
     return Path(str(resources.files("occlog") / "networks" / NAME))
 
 
 def shipped_config(given: Mapping[str, object]) -> NetworkConfig:
-    """Settings of the network, updated by those that the user gives."""
+    """Settings of the person network of occlog, updated by those that the user gives."""
     return configure(replace(NetworkConfig(), nms_iou=NMS_IOU), given)

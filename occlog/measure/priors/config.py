@@ -23,13 +23,14 @@ class PositionPriorConfig(Settings):
 
     measurement_noise: float = setting(
         8.0,
-        "Measurement noise: standard deviation per axis; 0: positions are known.",
+        "Standard deviation, per axis, of the noise added to true positions, or that --measured positions have; 0: "
+        "positions are known.",
         unit="length",
         at_least=0,
         people=0.3,
         option="--measurement-noise",
         metavar="LENGTH",
-        shown="8, or 0.3 m; 0 for --measured tracks, added to their own covariance",
+        shown="0.3 m, or 8 in a scene-specific unit; 0 for --measured tracks, added to their own covariance",
     )
     process_noise_velocity: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--process-noise")
     max_coasting_s: float = setting(
@@ -57,7 +58,8 @@ class HullConfig(Settings):
     min_views: int = setting(2, "Minimum number of cameras that detect an object.", at_least=1, option="--min-views")
     dilation: float = setting(
         0.01,
-        "Margin added to both sides of every run, in addition to twice the camera's sigma_yaw.",
+        "Margin added to both sides of every run (foreground interval of a camera), in addition to twice its "
+        "sigma_yaw.",
         unit="rad",
         at_least=0,
         option="--dilation",

@@ -92,7 +92,10 @@ def _filtered(
     measure: Callable[..., tuple[Floats, Floats]],
     config: PositionPriorConfig,
 ) -> Iterator[Occluders]:
-    """One table of priors per chunk; its last time is output with the next chunk."""
+    """Generate one table of priors per chunk; its last time is output with the next chunk.
+
+    `measure` returns positions (n, 2) and covariances (n, 2, 2) of rows.
+    """
     state = _FilterState()
     held: list[_MeasurementStep] = []
     for chunk in chunks:
@@ -114,7 +117,10 @@ def _joined(a: _MeasurementStep, b: _MeasurementStep) -> _MeasurementStep:
 
 
 def _time_steps(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
-    """Measurements by time; empty at times without moving occluders."""
+    """Generate the measurements of moving occluders by time; empty at times without any.
+
+    `measure` returns positions (n, 2) and covariances (n, 2, 2) of rows.
+    """
     if not len(chunk):
         return
     times = np.unique(chunk.t_ns)
@@ -137,7 +143,11 @@ class _FilterState:
 
 
 def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig) -> None:
-    """Predict the filters to a time step, and update them by its measurements."""
+    """Predict the filters to a time step, and update them by its measurements, in place.
+
+    InputError if it is earlier than the last step, or an occluder has two positions. Filters without measurements for
+    too long are dropped.
+    """
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
             f"priors: occluder {m.identity[1:][same][0]} has two positions at {time_words(m.t_ns)}; leave one of them",
@@ -166,7 +176,14 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
 
 
 def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
-    """Update some filters by measurements, in place."""
+    """Update filters by measurements, in place.
+
+    Args:
+        walkers: all filters.
+        rows: (n,) indices of those that are updated.
+        xy: (n, 2) measured positions.
+        noise: (n, 2, 2) their covariances.
+    """
     if not len(rows):
         return
     updated = update(select(walkers, rows), xy, noise)
@@ -181,7 +198,16 @@ def _keep(state: _FilterState, keep: Bools) -> None:
 
 
 def _add(state: _FilterState, m: _MeasurementStep, new: Bools, speed: float) -> None:
-    """Initiate filters at first measurements; the velocity is as uncertain as after a second of walking."""
+    """Initiate filters, in `state`, at first measurements.
+
+    The velocity is as uncertain as after a second of walking.
+
+    Args:
+        state: updated.
+        m: n measurements of one time.
+        new: (n,) mask of those that begin a filter.
+        speed: process noise of the velocity per axis, in a second.
+    """
     walkers = concat(state.walkers, initiate(m.xy[new], m.noise[new], speed))
     identity = np.concatenate([state.identity, m.identity[new]])
     measured = np.concatenate([state.measured_ns, np.full(int(new.sum()), m.t_ns)])

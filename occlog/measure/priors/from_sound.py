@@ -23,7 +23,7 @@ STEPS_PER_CHUNK = 256
 
 
 class _Sources(NamedTuple):
-    """N tracked sources."""
+    """N tracked sources of sound, with the times [ns] at which each was heard."""
 
     identity: Ints
     first_ns: Ints
@@ -77,7 +77,10 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
 
 
 def _time_steps(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]:
-    """Group directions into time steps; the time is that of the last of them."""
+    """Generate time steps of directions of up to `window_ns` [ns]; the time is that of the last of them.
+
+    InputError if times go back.
+    """
     rest: Doa | None = None
     for chunk in chunks:
         if not len(chunk):
@@ -113,7 +116,7 @@ def _directions(rows: Doa, scene: Scene) -> SourceDirections:
 
 
 def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources:
-    """Predict the sources, without those that are silent for too long."""
+    """Predict the sources by dt [s] to `t_ns` [ns], without those that are silent for too long."""
     if not len(s.identity):
         return s
     keep = t_ns - s.last_ns <= config.max_coasting_s * 1e9
@@ -122,7 +125,19 @@ def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources
 
 
 def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: AcousticConfig) -> tuple[_Sources, int]:
-    """Update sources by located positions: each is of a nearby known source, or of a new one."""
+    """Update sources by located positions: each is of a nearby known source, or of a new one.
+
+    Args:
+        s: predicted sources.
+        t_ns: time [ns].
+        xy: (n, 2) positions.
+        cov: (n, 2, 2) their covariances.
+        fresh: next new identity.
+        config: gate and process noise.
+
+    Returns:
+        The sources, and the next new identity.
+    """
     rows, columns = assign(distance2(s.walkers.xy, s.walkers.cov, xy, cov), config.gate**2)
     last, walkers = s.last_ns.copy(), Walkers(*(c.copy() for c in s.walkers))
     if len(rows):
@@ -140,7 +155,7 @@ def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: 
 
 
 def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
-    """Remove sources that are silent now while another one is heard at their position."""
+    """Remove sources that are silent at `t_ns` [ns] while another one is heard at their position."""
     now = s.last_ns == t_ns
     if now.all() or not now.any():
         return s
@@ -151,7 +166,7 @@ def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
 
 
 def _table(s: _Sources, t_ns: int, config: AcousticConfig) -> Occluders:
-    """Rows of the sources that were heard long enough."""
+    """Rows, at `t_ns` [ns], of the sources that were heard long enough; without any, the row that states this."""
     sure = np.flatnonzero(s.last_ns - s.first_ns >= config.confirmation_time_s * 1e9)
     if not len(sure):
         return none_at(np.array([t_ns], dtype=np.int64))

@@ -38,7 +38,7 @@ STEPS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
-    """Polygons and Gaussians of time steps."""
+    """Polygons and Gaussians of several time steps."""
 
     hulls: Hulls  # the polygons
     occluders: Occluders  # Gaussians with their means and covariances
@@ -123,7 +123,10 @@ def _rules(config: HullConfig) -> HullRules:
 def _time_steps(
     views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene, window_ns: int
 ) -> Iterator[tuple[int, list[_Frame]]]:
-    """Group frames into time steps, by camera; the time is that of the last of them."""
+    """Generate time steps of up to `window_ns` [ns]: time of the last frame, and a frame per camera, sorted by name.
+
+    `frames` (bearings) add frames without clusters.
+    """
     unplaced = [c.name for c in scene.cameras if not c.placed]
     group: dict[str, _Frame] = {}
     first = last = 0
@@ -144,7 +147,16 @@ def _time_steps(
 
 
 def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene) -> Iterator[_Frame]:
-    """Frames sorted by time; one that is in both tables occurs twice, its clusters first."""
+    """Merge views and the frames of bearings by time.
+
+    Args:
+        views: clusters in frames, by rising time.
+        frames: bearings, of which only time and camera count: there was a frame; None: not given.
+        scene: has the cameras.
+
+    Returns:
+        Generator of frames by rising time; a frame in both tables occurs twice, first with its clusters.
+    """
     streams = [_split(views, scene)]
     if frames is not None:
         streams.append(_split(frames, scene))
@@ -152,7 +164,10 @@ def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Sc
 
 
 def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterator[_Frame]:
-    """Split rows by time and camera; bearings only indicate that there was a frame."""
+    """Split rows by time and camera; bearings only indicate that there was a frame.
+
+    InputError for a camera that is not in the scene, or times that go back.
+    """
     names = [c.name for c in scene.cameras]
     arrays = [a.name for a in scene.arrays]
     rest: Views | Bearings | None = None
@@ -191,7 +206,10 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
 
 
 def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
-    """Cones of a camera's non-target clusters, and the region in which it can decide on presence."""
+    """Cones of a camera's non-target clusters, and the region in which it can decide on presence.
+
+    `cameras` caches the visible region of each camera, by name.
+    """
     if frame.sensor not in cameras:
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
     view, v = cameras[frame.sensor], frame.views
@@ -231,13 +249,19 @@ def _tables(steps: list[tuple[int, list[ConfirmedPolygon]]], candidates: int) ->
 
 
 def _corners(polygon: Polygon) -> Floats:
-    """(K, 2) corners, counter-clockwise."""
+    """(K, 2) corners of a polygon, counter-clockwise."""
     ring = shapely.geometry.polygon.orient(polygon.shape).exterior
     return np.asarray(ring.coords)[:-1]
 
 
 def _gaussians(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]], identity: Ints32, corners: list[Floats]) -> Occluders:
-    """Gaussians with the moments of uniform distributions over polygons."""
+    """Gaussians with the moments of uniform distributions over polygons.
+
+    Args:
+        t_ns: (n,) times [ns].
+        identity: (n,) of the occluders.
+        corners: n polygons (K, 2).
+    """
     p = polygon_priors(corners, 1.0)
     c, s = p.axis[:, 0], p.axis[:, 1]
     major, minor = p.sigma**2, p.minor**2

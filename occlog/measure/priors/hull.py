@@ -40,7 +40,7 @@ class HullCamera(NamedTuple):
 
 
 def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
-    """Camera with its field of view and range within the room, without the shadows of static occluders."""
+    """Return the camera with the region of the room that it can see, without the shadows of static occluders."""
     room = shapely.Polygon(scene.region)
     far = 1.0 + 2.0 * float(np.hypot(*(scene.region - camera.ground).T).max())
     visible = shapely.intersection(room, wedge(camera.ground, camera.yaw, camera.fov, far))
@@ -52,7 +52,10 @@ def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
 
 
 def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geometry:
-    """Sector of directions within `width` / 2 of `axis` [rad], to a distance of at least `far`, as a polygon."""
+    """Sector, as a polygon, of directions within `width` / 2 of `axis` [rad] from `origin` (2,).
+
+    It reaches to a distance of at least `far`.
+    """
     width = min(width, 2.0 * np.pi)
     n = max(int(np.ceil(width / STEP)), 1)
     angles = axis + np.linspace(-0.5 * width, 0.5 * width, n + 1)
@@ -63,7 +66,7 @@ def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geom
 
 
 def shadow(origin: Floats, wall: Floats, far: float) -> shapely.Geometry:
-    """Shadow of a polygon from a point outside it, up to at least `far`, including the polygon."""
+    """Shadow of a polygon `wall` (K, 2) from `origin` (2,) outside it, up to at least `far`, with the polygon."""
     parts = [shapely.Polygon(wall)]
     for a, b in zip(wall, np.roll(wall, -1, axis=0), strict=True):
         rays = np.array([a, b]) - origin
@@ -96,13 +99,16 @@ def runs(boxes: Floats, camera: Camera, dilate: float) -> Floats:
 
 
 def cones(view: HullCamera, of_runs: Floats) -> list[shapely.Geometry]:
-    """Cones of runs (B, 2) within the visible region; overlapping runs make one cone."""
+    """Cones of runs `of_runs` (B, 2: azimuth of the middle, width [rad]) within the region that a camera sees.
+
+    Overlapping runs make one cone.
+    """
     parts = [wedge(view.camera.ground, centre, width, view.far) for centre, width in _merged(of_runs)]
     return [shapely.intersection(part, view.visible) for part in parts]
 
 
 def _merged(of_runs: Floats) -> list[tuple[float, float]]:
-    """Union of intervals (centre, width), sorted by lower end."""
+    """Union of the intervals `of_runs` (B, 2: centre, width) of angles [rad], sorted by lower end."""
     spans = sorted((float(c - 0.5 * w), float(c + 0.5 * w)) for c, w in of_runs)
     out: list[list[float]] = []
     for low, high in spans:
@@ -164,7 +170,10 @@ def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
 
 
 def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
-    """Greedy set cover: select the candidate that explains most unexplained runs, until none is left."""
+    """Greedy set cover: select the candidate that explains most runs of `missing`, until none of these is left.
+
+    The order is fixed at the beginning; a candidate that explains nothing new is skipped.
+    """
     left, out = list(missing), []
     for p in sorted(candidates, key=lambda p: (-sum(r in missing for r in p.runs), -p.shape.area, p.runs)):
         if any(r in left for r in p.runs):
@@ -174,7 +183,10 @@ def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
 
 
 def _cells(views: Sequence[CameraCones], whole: _Cell, allowed: int) -> list[_Cell]:
-    """Partition the room by cones and visible regions; cells contradicted by more cameras than allowed are omitted."""
+    """Partition the room (`whole`) by cones and visible regions of the views.
+
+    Cells contradicted by more cameras than allowed are omitted.
+    """
     cells = [whole]
     for i, view in enumerate(views):
         rest = _union(view.cones)
@@ -200,7 +212,13 @@ def _kept(shape: shapely.Geometry, runs: tuple[Run, ...], missed: int) -> Iterat
 
 
 def _polygons(cells: list[_Cell], least: int, smallest: float) -> list[Polygon]:
-    """Connected parts of the hull; neighbouring cells that differ only in visibility are joined."""
+    """Connected parts of the hull; neighbouring cells that differ only in visibility are joined.
+
+    Args:
+        cells: partition of the room.
+        least: smallest number of runs (cameras) that see something in a cell.
+        smallest: area below which a part is dropped.
+    """
     good = [c for c in cells if len(c.runs) >= least]
     out: list[Polygon] = []
     for missed in sorted({c.missed for c in good}):
@@ -255,7 +273,7 @@ class HullMemory(NamedTuple):
 
 
 class ConfirmedPolygon(NamedTuple):
-    """A confirmed polygon."""
+    """A polygon that is output, with its identity."""
 
     identity: int
     polygon: Polygon
@@ -295,7 +313,15 @@ def evidence(polygons: Sequence[Polygon]) -> list[bool]:
 def _identities(
     old: list[TrackedPolygon], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
 ) -> list[TrackedPolygon]:
-    """Identity of each polygon: that of a nearby known one, or a new one."""
+    """Return the polygons with identities: each that of a nearby known one, or a new one.
+
+    Args:
+        old: known polygons.
+        fresh: next new identity.
+        t_ns: time [ns].
+        polygons: of this time.
+        rules: how far polygons move.
+    """
     centres = np.array([[p.shape.centroid.x, p.shape.centroid.y] for p in polygons]).reshape(-1, 2)
     mine: dict[int, TrackedPolygon] = {}
     if old and len(centres):
@@ -314,12 +340,12 @@ def _identities(
 
 
 def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
-    """Whether a polygon had evidence recently."""
+    """Whether a polygon had evidence within `rules.memory_ns` before `t_ns` [ns]."""
     return known.evidence_ns is not None and t_ns - known.evidence_ns <= rules.memory_ns
 
 
 def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
-    """Select polygons with recent evidence, and those needed to explain other runs.
+    """Select polygons with recent evidence at `t_ns` [ns], and those needed to explain other runs.
 
     Of possible phantoms, those that explain more runs have priority; equal ones are all selected.
     """

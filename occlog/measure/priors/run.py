@@ -36,7 +36,7 @@ class TableStream:
     """Stream of a table in a table file or recording, with scene and earlier losses."""
 
     def __init__(self, path: Path, scene: Path | None) -> None:
-        """Open the file; only headers are read."""
+        """Open the file; only headers are read. `scene` replaces the scene in it; None: that counts."""
         self.path = path
         self.opened = open_input(path)
         self.losses = self.opened.losses
@@ -47,7 +47,7 @@ class TableStream:
 
     @property
     def unit(self) -> str:
-        """Length unit."""
+        """Length unit of the table; m if it states none."""
         return self.opened.length_unit or "m"
 
     def need_scene(self) -> Scene:
@@ -69,14 +69,16 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
 
 
 def run_kalman(request: KalmanRequest, job: Job) -> Result:
-    """Positions to priors; return the summary and earlier losses."""
+    """Write priors of occluders from positions, by Kalman filters; return the summary and earlier losses."""
     path, measured = request.positions, request.measured
     source = TableStream(path, request.scene)
     unit = source.scene.length_unit if source.scene is not None else source.unit
     tracks = source.opened.recording is None and source.opened.has(Tracks)
     if tracks and not measured:
         raise UsageError(
-            f"{path}: tracks are measurements, not the truth; add {option('measured')}", id="missing-option"
+            f"{path}: holds tracks, which have errors already; add {option('measured')}, so that no noise is added to "
+            "their positions",
+            id="missing-option",
         )
     defaults = PositionPriorConfig.in_unit(unit)
     config = configure(replace(defaults, measurement_noise=0.0) if tracks else defaults, request.settings)
@@ -110,7 +112,7 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
 
 
 def run_hull(request: HullRequest, job: Job) -> Result:
-    """Views to priors; return the summary and earlier losses."""
+    """Write priors of occluders from views, by visual hulls; return the summary and earlier losses."""
     path = request.views
     source = TableStream(path, request.scene)
     scene = source.need_scene()
@@ -153,7 +155,7 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
 
 
 def run_acoustic(request: AcousticRequest, job: Job) -> Result:
-    """Directions of arrival to priors; return the summary and earlier losses."""
+    """Write priors of occluders from directions of arrival; return the summary and earlier losses."""
     source = TableStream(request.doa, request.scene)
     scene = source.need_scene()
     config = configure(AcousticConfig.in_unit(scene.length_unit), request.settings)
@@ -174,7 +176,7 @@ def _of_cameras(chunks: Iterable[S], names: list[str]) -> Iterator[S]:
 
 
 class PriorsTally:
-    """Counts of priors for the summary."""
+    """Counts of priors, and their mean spread, for the summary."""
 
     def __init__(self) -> None:
         """Start all counts at 0."""
@@ -185,7 +187,7 @@ class PriorsTally:
         self.spread = 0.0
 
     def add(self, table: Occluders) -> None:
-        """Add rows."""
+        """Count the rows of a table; those without occluder count as times only."""
         there = table.occluder_id >= 0
         self.rows += len(table)
         self.times += len(np.unique(table.t_ns))

@@ -131,13 +131,19 @@ def without_grey_shadows(marked: Bytes, image: Bytes, empty: Bytes) -> Bytes:
 
 
 def _eroded(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Minimum filter over a rectangle; with `_dilated` of the same size nothing is shifted, even for even sizes."""
+    """Minimum filter over a rectangle of a number of columns and rows [px].
+
+    With `_dilated` of the same size nothing is shifted, even for even sizes.
+    """
     anchor = ((columns - 1) // 2, (rows - 1) // 2)
     return cv2.erode(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
 
 def _dilated(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Maximum filter over a rectangle, mirrored."""
+    """Maximum filter over a rectangle of a number of columns and rows [px].
+
+    Its centre is mirrored relative to that of `_eroded`.
+    """
     anchor = (columns // 2, rows // 2)
     return cv2.dilate(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
@@ -240,7 +246,7 @@ def _masked_median(samples: Bytes, masks: Bytes) -> Bytes:
 
 
 def difference(a: Bytes, b: Bytes) -> Bytes:
-    """(height, width) maximum absolute difference over the channels of two images."""
+    """(height, width) maximum absolute difference over the channels of two images a and b of one shape."""
     change = cv2.absdiff(a, b)
     if change.ndim == 2:
         return change  # type: ignore[no-any-return]
@@ -258,7 +264,10 @@ CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most 
 
 
 def person_like_blobs(samples: list[Bytes], empty: Bytes) -> Floats:
-    """(N, 2) row of the feet and height [px] of blobs with the shape of a separate person."""
+    """(N, 2) row of the feet and height [px] of blobs with the shape of a separate person.
+
+    `empty` is the image without people, of the shape of the samples.
+    """
     return max((_blobs(samples, empty, side) for side in CLOSINGS), key=len)
 
 
@@ -282,7 +291,10 @@ def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
 
 
 def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None:
-    """Size map from blobs (N, 2: row of the feet, height); None without blobs."""
+    """Size map from blobs (N, 2: row of the feet, height) [px] in images of one size; None without blobs.
+
+    `image_size` is width and height [px].
+    """
     if not len(blobs):
         return None
     feet, heights = blobs.T

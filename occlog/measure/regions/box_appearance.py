@@ -37,7 +37,14 @@ def box_appearance(image: Bytes, boxes: Floats, score: Floats) -> Floats32:
 
 @kernel
 def _count_into(counts: Floats, image: Bytes, boxes: Floats, score: Floats) -> None:
-    """Add the visible pixels of each ellipse to its row of counts (n, 72)."""
+    """Add the visible pixels of the ellipse in each box to its row of counts, in place.
+
+    Args:
+        counts: (n, 72) of the colour bins.
+        image: (height, width, 3) BGR.
+        boxes: (n, 4) left, top, right, bottom [px].
+        score: (n,) a box with a lower edge farther down and a higher score hides others.
+    """
     height, width = image.shape[:2]
     for i in range(len(boxes)):
         left, top, right, bottom = boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3]

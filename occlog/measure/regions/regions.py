@@ -136,7 +136,10 @@ def gather(mask: Bytes, side: int) -> tuple[Floats, Ints]:
 
 @kernel
 def _moments_into(cell: Floats, mask: Bytes, left: int, top: int) -> None:
-    """Count, mean and scatter of the foreground in one nonempty cell."""
+    """Write count, mean and scatter of the foreground in one nonempty cell to `cell` (6,).
+
+    `mask` (h, w) is that of the cell, which begins at column `left` and row `top` of the image.
+    """
     n = sx = sy = xx = xy = yy = 0
     for y in range(mask.shape[0]):
         for x in range(mask.shape[1]):
@@ -203,7 +206,16 @@ def cluster_regions(
 def _measure(
     image: Bytes, mask: Bytes, corners: Ints, side: int, cells: Floats, clusters: Clusters
 ) -> tuple[Floats, Floats]:
-    """Boxes (K, 4) around the core of each cluster, and histograms (K, 72) of its pixels."""
+    """Boxes (K, 4) around the core of each cluster, and histograms (K, 72) of its pixels.
+
+    Args:
+        image: (height, width, 3) BGR.
+        mask: (height, width) foreground.
+        corners: (N, 2) left and top pixel of the cells.
+        side: of a cell [px].
+        cells: (N, 6) cell table.
+        clusters: K clusters, with the labels of the cells.
+    """
     n_clusters = clusters.means.shape[0]
     counts = np.zeros((n_clusters, N_BINS))
     edges = np.empty((n_clusters, 4), dtype=np.int64)  # left, top, right, bottom, of whole pixels
@@ -230,7 +242,10 @@ def _measure(
 
 @kernel
 def _distance2(x: float, y: float, mean: Floats, cov: Floats) -> float:
-    """Squared Mahalanobis distance; a degenerate cluster has a minimum variance of 1/12 px^2."""
+    """Squared Mahalanobis distance of (x, y) from a cluster; a degenerate one has a minimum variance of 1/12 px^2.
+
+    `mean` (2,) and `cov` (3,: xx, xy, yy) are those of the cluster [px].
+    """
     xx, xy, yy = cov[0] + 1.0 / 12.0, cov[1], cov[2] + 1.0 / 12.0
     dx, dy = x - mean[0], y - mean[1]
     return float((yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy))
@@ -238,7 +253,13 @@ def _distance2(x: float, y: float, mean: Floats, cov: Floats) -> float:
 
 @kernel
 def _boxes(edges: Ints, means: Floats, covs: Floats) -> Floats:
-    """Boxes from first and last pixels: pixel x extends from x - 1/2 to x + 1/2."""
+    """(K, 4) boxes left, top, width, height from first and last pixels: pixel x extends from x - 1/2 to x + 1/2.
+
+    Args:
+        edges: (K, 4) left, top, right and bottom pixel; -1 on the right: none.
+        means: (K, 2) of the clusters [px].
+        covs: (K, 3) of the clusters, for those without own pixels.
+    """
     boxes = np.empty((edges.shape[0], 4))
     for k in range(edges.shape[0]):
         left, top, right, bottom = edges[k]
@@ -337,7 +358,7 @@ MOST = 8
 
 
 def downscale_factor(width_px: float) -> int:
-    """Integer factor for downscaling images, by the width of people [px]."""
+    """Integer factor for downscaling images in which people are `width_px` wide."""
     return int(np.clip(width_px // ENOUGH_WIDTH_PX, 1, MOST))
 
 
@@ -351,14 +372,14 @@ def downscale(image: Bytes, factor: int) -> Bytes:
 
 
 def downscale_sizes(sizes: SizeMap, factor: int) -> SizeMap:
-    """Size map for downscaled images."""
+    """Size map for images downscaled by `factor`."""
     width, height = sizes.image_size
     area = float(factor**2)
     return replace(sizes, image_size=(width // factor, height // factor), cov=sizes.cov / area, mass=sizes.mass / area)
 
 
 def enlarge(regions: ForegroundRegions, factor: int) -> ForegroundRegions:
-    """Convert regions of a downscaled image to pixels of the original."""
+    """Convert regions of an image downscaled by `factor` to pixels of the original."""
     if factor == 1:
         return regions
     area = float(factor**2)

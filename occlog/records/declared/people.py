@@ -42,7 +42,7 @@ def words_of(mask: Bools, words: Sequence[str]) -> Strings:
 
 
 def has_word(texts: Strings, word: str) -> Bools:
-    """(N,) mask of comma-separated lists that contain a word."""
+    """(N,) mask of the comma-separated lists `texts` (N,) that contain a word."""
     different, which = np.unique(texts, return_inverse=True)
     there = np.array([word in text.split(",") for text in different.tolist()], dtype=np.bool_)
     found: Bools = there[which]

@@ -40,7 +40,12 @@ def check_frames(frame: Ints, name: str) -> None:
 
 
 def check_edges(edges: Sequence[Floats], name: str) -> None:
-    """InputError for a box that extends farther than any image."""
+    """InputError for a box that extends farther than any image.
+
+    Args:
+        edges: columns (n,) of coordinates of the boxes' edges [px].
+        name: of the table, for the message.
+    """
     far = np.max(np.abs(edges), axis=0)
     if (wrong := far > MAX_EDGE_PX).any():
         row = first_row(wrong)
@@ -50,7 +55,10 @@ def check_edges(edges: Sequence[Floats], name: str) -> None:
 
 
 def check_ids(ids: Ints32, column: str, name: str) -> None:
-    """InputError for an identity below -1 (none)."""
+    """InputError for an identity in `ids` (n,) below -1 (none).
+
+    `column` and `name` (of the table) are for the message.
+    """
     if (wrong := ids < -1).any():
         row = first_row(wrong)
         raise InputError(f"{name}: row {row}: {column} {ids[row]} must be at least -1")

@@ -85,7 +85,13 @@ class Hulls(ColumnTable):
 
 
 def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
-    """InputError if an occluder has no position, or a row without occluder has one."""
+    """InputError if an occluder has no position, or a row without occluder has one.
+
+    Args:
+        table: for the message.
+        identity: (n,) of the occluder; -1: none.
+        there: (n,) rows with a position.
+    """
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
         raise InputError(
@@ -233,4 +239,8 @@ class Delays(ColumnTable):
         """Check that times are in order, and that no message arrives before it is sent."""
         check_order(self)
         if (bad := self.delay_s < 0.0).any():
-            raise InputError(f"Delays: row {first_row(bad)}: delay_s is {self.delay_s[first_row(bad)]:g}, below 0")
+            row = first_row(bad)
+            raise InputError(
+                f"Delays: row {row} (counted from 0): delay_s is {self.delay_s[row]:g}, below 0: a message cannot "
+                "arrive before it is sent"
+            )

@@ -109,7 +109,18 @@ class SensorPositions(NamedTuple):
 def _innovation(
     mean: Floats, covariance: Floats, sensors: SensorPositions, s: int, azimuth: float, variance: float
 ) -> tuple[float, float, float, float, float]:
-    """Innovation of an azimuth, its variance, the measurement variance, and the gradient by position."""
+    """Innovation of an azimuth [rad], its variance, the variance of the measurement, and the gradient by x and y.
+
+    The measurement's variance includes that of the sensor's position.
+
+    Args:
+        mean: (4,) x, y, vx, vy.
+        covariance: (4, 4).
+        sensors: positions.
+        s: index of the sensor.
+        azimuth: measured [rad].
+        variance: of the azimuth [rad^2].
+    """
     dx, dy = mean[0] - sensors.x[s], mean[1] - sensors.y[s]
     r2 = max(dx * dx + dy * dy, 1e-12)
     gx, gy = -dy / r2, dx / r2
@@ -121,14 +132,17 @@ def _innovation(
 
 @kernel
 def _log_density(off: float, spread: float) -> float:
-    """Log density of an innovation, with a share of false bearings."""
+    """Log density of an innovation `off` [rad] with the variance `spread` [rad^2], with a share of false bearings."""
     inside = math.exp(-0.5 * off * off / spread) / math.sqrt(2.0 * math.pi * spread)
     return math.log((1.0 - FALSE_PROBABILITY) * inside + FALSE_PROBABILITY / (2.0 * math.pi))
 
 
 @kernel
 def _predict(mean: Floats, covariance: Floats, dt: float, scale: float, walk: WalkingSpeed) -> None:
-    """Predict a filter, with a scaled velocity variance."""
+    """Predict a filter by dt [s], in place: mean (4,) and covariance (4, 4) of x, y, vx, vy.
+
+    `scale` multiplies the velocity variance of `walk`.
+    """
     keep = math.exp(-walk.rate * dt)
     move = (1.0 - keep) / walk.rate
     V = walk.variance * scale
@@ -160,9 +174,18 @@ def _meet(
     mean: Floats,
     covariance: Floats,
 ) -> bool:
-    """Initiate a filter at the intersection of the last bearings (S, 3) of at least two sensors.
+    """Initiate a filter, in place, at the intersection of the last bearings of at least two sensors.
 
-    False if they do not intersect.
+    False, with the filter unchanged, if they do not intersect.
+
+    Args:
+        recent: (S, 3) last bearing of each sensor: time [s], azimuth, variance.
+        since: earlier bearings do not count [s].
+        now: time [s].
+        variance: of a velocity component.
+        sensors: their positions.
+        mean: (4,) x, y, vx, vy, filled.
+        covariance: (4, 4), filled.
     """
     S = len(sensors.x)
     use = np.empty(S, dtype=np.int64)
@@ -217,7 +240,15 @@ def _meet(
 
 @kernel
 def _update(mean: Floats, covariance: Floats, r: int, rows: LabelledRows, sensors: SensorPositions) -> None:
-    """Update a filter by a bearing inside the gate (Joseph form)."""
+    """Update a filter by the bearing of row r, in place (Joseph form).
+
+    Args:
+        mean: (4,) x, y, vx, vy.
+        covariance: (4, 4).
+        r: row of the bearing, which is inside the gate.
+        rows: all bearings.
+        sensors: their positions.
+    """
     off, spread, noise, gx, gy = _innovation(
         mean, covariance, sensors, rows.sensor[r], rows.azimuth[r], rows.variance[r]
     )
@@ -233,9 +264,10 @@ def _update(mean: Floats, covariance: Floats, r: int, rows: LabelledRows, sensor
 
 @kernel
 def _compare(first: int, last: int, rows: LabelledRows, sensors: SensorPositions, state: ContinuityState) -> bool:
-    """Add the bearings of one time step to the evidence for exchanges; return whether any is open.
+    """Add the bearings of one time step to the evidence for exchanges in `state`; return whether any exchange is open.
 
-    Evidence is collected for pairs with a bearing that contradicts its identity, and for open pairs.
+    Evidence is collected for pairs with a bearing that contradicts its identity, and for open pairs. The bearings are
+    the rows from `first` up to, not including, `last`.
     """
     K, S, now = len(state.known), len(sensors.x), rows.seconds[first]
     suspect = np.zeros(K, dtype=np.bool_)
@@ -283,7 +315,10 @@ def _compare(first: int, last: int, rows: LabelledRows, sensors: SensorPositions
 
 @kernel
 def _accept(s: int, a: int, b: int, state: ContinuityState) -> bool:
-    """Whether there is sufficient evidence that a sensor's labels (S: all sensors') of two identities are exchanged."""
+    """Whether there is sufficient evidence that the labels of identities a and b are exchanged in sensor s.
+
+    s = S, the number of sensors: in all sensors.
+    """
     S = len(state.identity)
     to_b, to_a = state.odds[s, a, b], state.odds[s, b, a]
     least = MIN_LOG_ODDS if s == S else MIN_LOG_ODDS_SENSOR
@@ -294,7 +329,15 @@ def _accept(s: int, a: int, b: int, state: ContinuityState) -> bool:
 
 @kernel
 def _decide(first: int, rows: LabelledRows, state: ContinuityState, identity: Ints, events: Floats) -> int:
-    """Exchange the identities of labels with sufficient evidence, from its first row; return the number of events."""
+    """Exchange the identities of labels with sufficient evidence; return the number of events.
+
+    Args:
+        first: first row of the time step; rows before it, since an exchange began, are corrected.
+        rows: all bearings.
+        state: updated.
+        identity: (n,) identity of each row's label, updated.
+        events: rows that are filled: `EXCHANGED`, begin [s], 0, a, b, sensor (their number: all sensors), 0.
+    """
     S, K, n = len(state.identity), len(state.known), 0
     exchanged = np.zeros(S, dtype=np.bool_)
     for a in range(K):
@@ -400,7 +443,19 @@ def _take(
     state: ContinuityState,
     events: Floats,
 ) -> int:
-    """Update all filters by the bearings of one time step; return the number of jumps."""
+    """Update all filters by the bearings of one time step; return the number of jumps.
+
+    Args:
+        first: first row of the step.
+        last: row after its last one.
+        rows: all bearings.
+        identity: (n,) identity of each row's label.
+        against: (n,) rows that contradict their identity, filled.
+        sensors: their positions.
+        walk: motion of people.
+        state: filters and rivals, updated.
+        events: rows that are filled for the jumps.
+    """
     K, now, n = len(state.known), rows.seconds[first], 0
     inside = np.zeros(last - first, dtype=np.bool_)
     accepted, rejected = np.zeros(K), np.zeros(K)
@@ -472,7 +527,11 @@ def _take(
 def _take_rivals(
     first: int, last: int, rows: LabelledRows, identity: Ints, sensors: SensorPositions, state: ContinuityState
 ) -> None:
-    """Update the rivals and their log odds by the bearings of one time step, before the filters."""
+    """Update the rivals in `state` and their log odds by the bearings of one time step, before the filters.
+
+    The bearings are the rows from `first` up to, not including, `last`; `identity` (n,) has the identity of each row's
+    label.
+    """
     for r in range(first, last):
         k = identity[r]
         if state.rival[k, 0] == math.inf or math.isnan(rows.azimuth[r]):
@@ -488,7 +547,10 @@ def _take_rivals(
 
 @kernel
 def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
-    """Replace the filter of a label by its rival, or drop the rival, given the odds; return the number of events."""
+    """Replace the filter of identity k by its rival, or drop the rival, given the odds; return the number of jumps.
+
+    The number is 0 or 1; the jump fills the first row of `events`. `now` is the time [s].
+    """
     rival, old = state.rival[k], state.contradicted[k]
     opened = min(state.open_s[:, k].min(), state.open_s[:, :, k].min()) < math.inf
     if rival[4] >= MIN_LOG_ODDS_RIVAL and rival[5] >= MIN_CONFIRMED and not opened:
@@ -511,12 +573,17 @@ def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
 
 @kernel
 def _position(now: float, mean: Floats, covariance: Floats) -> Floats:
-    """Time, position and trace of the position covariance of a filter."""
+    """(4,) time [s], x, y and trace of the position covariance of a filter with `mean` (4,) and `covariance` (4, 4)."""
     return np.array([now, mean[0], mean[1], covariance[0, 0] + covariance[1, 1]])
 
 
 @kernel
 def _speed(one: Floats, other: Floats) -> float:
-    """Minimum speed between two positions, given their uncertainty."""
+    """Minimum speed from one position to another, given their uncertainty.
+
+    Args:
+        one: (4,) of `_position`, the earlier one.
+        other: (4,) of `_position`.
+    """
     away = math.hypot(other[1] - one[1], other[2] - one[2])
     return float((away - JUMP_SIGMAS * math.sqrt(one[3] + other[3])) / max(other[0] - one[0], 1e-9))

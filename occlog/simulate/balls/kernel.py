@@ -80,7 +80,16 @@ def trace_balls_into(
 
 @kernel
 def _limits(p: float, z: float, radius: float, focal: float, middle: float, size: int) -> tuple[int, int]:
-    """First and end pixel that a ball can touch along one image axis."""
+    """First pixel, and pixel after the last, that a ball can touch along one image axis, 0 to size.
+
+    Args:
+        p: centre of the ball on this axis, in the camera's frame.
+        z: its depth.
+        radius: of the ball.
+        focal: focal length [px].
+        middle: principal point on this axis [px].
+        size: pixels along the axis.
+    """
     distance = math.hypot(p, z)
     centre, half = math.atan2(p, z), math.asin(min(radius / max(distance, 1e-300), 1.0))
     if centre - half <= -0.5 * math.pi or centre + half >= 0.5 * math.pi:
@@ -145,7 +154,17 @@ def paint_balls_into(
 
 @kernel
 def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, view: RenderView, skin: Skin) -> None:
-    """Colour (3,) of a ball where its surface normal is (x, y, z)."""
+    """Compute the colour of a ball at one point of its surface, in place.
+
+    Args:
+        colour: (3,) blue, green, red; set.
+        x: x of the surface normal in the camera's frame.
+        y: y of the normal.
+        z: z of the normal.
+        turn: (3, 3) rotation from the ball's frame to the camera's.
+        view: has the direction of the light.
+        skin: pattern and colours of the ball.
+    """
     qx = turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z
     qy = turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z
     qz = turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z
@@ -168,7 +187,10 @@ def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, 
 
 @kernel
 def clear_balls(depth: Floats, covered: Ints) -> None:
-    """Reset the depth buffer to inf where balls can be."""
+    """Reset the depth buffer (H, W, 4) to inf, in place, where balls can be.
+
+    `covered` (n, 5) is that of `trace_balls_into`.
+    """
     for k in range(covered.shape[0]):
         for row in range(covered[k, 1], covered[k, 3]):
             for col in range(covered[k, 0], covered[k, 2]):

@@ -28,7 +28,7 @@ TRIES = 5_000
 
 
 class BallPaths(NamedTuple):
-    """True paths of the balls."""
+    """True paths of n balls in T frames."""
 
     centres: Floats  # (T, n, 3)
     turns: Floats  # (T, n, 3, 3) world-from-ball rotations
@@ -65,7 +65,7 @@ def ball_box(config: BallsConfig) -> Floats:
 
 
 def _largest(good: Callable[[float], bool]) -> float:
-    """Largest scale up to 1 that fulfils a monotonic condition, by bisection."""
+    """Largest scale from 0 to 1 for which `good` (True up to a limit) is True, by bisection."""
     if good(1.0):
         return 1.0
     low, high = 0.0, 1.0
@@ -76,7 +76,7 @@ def _largest(good: Callable[[float], bool]) -> float:
 
 
 def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
-    """Whether all points are in all images, to 0.1 px."""
+    """Whether all points (N, 3) are in the images of all cameras, to 0.1 px."""
     for camera in cameras:
         pixels = camera.project(points)
         size = np.asarray(camera.image_size)
@@ -86,7 +86,18 @@ def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
 
 
 def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
-    """True positions and rotations of the balls in every frame; InputError without sufficient room."""
+    """Simulate the movement of the balls, in all frames.
+
+    Args:
+        config: number and size of the balls, their speed, the images and the number of frames.
+        seed: of the random numbers.
+
+    Returns:
+        (T, n, 3) centres and the rotations of n balls in T frames.
+
+    Raises:
+        InputError: the balls do not fit into the space that all views see.
+    """
     reach = ball_box(config) - config.radius
     if not (reach > 0).all():
         raise InputError(
@@ -113,13 +124,16 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
 
 
 def _directions(rngs: list[np.random.Generator]) -> Floats:
-    """(n, 3) uniformly distributed unit vectors."""
+    """(n, 3) uniformly distributed unit vectors, each from one of the n generators."""
     drawn = np.array([rng.standard_normal(3) for rng in rngs])
     return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 
 
 def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floats:
-    """(n, 3) start positions around the centre of the box; separated in all views, or in space, if requested."""
+    """(n, 3) start positions relative to the centre of the box; separated in all views, or in space, if requested.
+
+    InputError if there is no room. `reach` (3,) are the half lengths of the box for centres.
+    """
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
     gap = 2.1 * config.radius
     placed = np.zeros((0, 3))
@@ -171,13 +185,25 @@ def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator])
 
 
 def _folded(way: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions of balls reflected by the walls: a path without walls, folded into the box."""
+    """(T, n, 3) positions of balls reflected by the walls: a path without walls, folded into the box.
+
+    Args:
+        way: (T, n, 3) positions without walls, relative to the centre of the box.
+        reach: (3,) half lengths of the box for centres.
+    """
     folded = np.mod(way + reach, 4.0 * reach)
     return np.asarray(np.where(folded > 2.0 * reach, 4.0 * reach - folded, folded) - reach)
 
 
 def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions of balls of equal mass that also collide, in steps of a tenth of a radius."""
+    """(T, n, 3) positions of balls of equal mass that also collide, in steps of a tenth of a radius.
+
+    Args:
+        config: number of frames, speed and radius.
+        start: (n, 3) positions in the first frame, relative to the centre of the box.
+        velocity: (n, 3) per frame.
+        reach: (3,) half lengths of the box for centres.
+    """
     position, v = start.copy(), velocity.copy()
     steps = max(1, math.ceil(1.5 * config.ball_speed / (0.1 * config.radius)))
     out = np.empty((config.frames, *start.shape))
@@ -193,7 +219,10 @@ def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats)
 
 
 def _collide(position: Floats, v: Floats, diameter: float) -> None:
-    """Elastic collision: each colliding pair exchanges velocities along the line of centres."""
+    """Change the velocities `v` (n, 3), in place, by elastic collisions of balls that approach each other.
+
+    Pairs with centres `position` (n, 3) nearer than a diameter exchange their velocities along the line of centres.
+    """
     for i in range(len(position)):
         for j in np.flatnonzero(np.linalg.norm(position[i + 1 :] - position[i], axis=1) < diameter) + i + 1:
             along = position[j] - position[i]

@@ -55,7 +55,7 @@ def balls_setup(request: BallsRequest) -> BallsSetup:
 
 
 def _paths(config: BallsConfig, seed: int) -> BallPaths:
-    """True paths; UsageError for balls without sufficient room."""
+    """True paths of the balls; UsageError for balls without sufficient room."""
     try:
         return ball_paths(config, seed)
     except InputError as error:
@@ -63,14 +63,14 @@ def _paths(config: BallsConfig, seed: int) -> BallPaths:
 
 
 def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
-    """Video file of each view, next to the recording; empty if images are stored in it."""
+    """Video file of each view by camera name, next to the recording; empty if images are stored in it."""
     if setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
 
 
 def run_balls(request: BallsRequest, job: Job) -> JobResult:
-    """Write the recording; return the summary."""
+    """Simulate a recording of balls, write it, and return the summary."""
     setup, output, seed, overwrite = balls_setup(request), request.output, request.seed, job.overwrite
     videos = balls_videos(setup, output)
     check_outputs([], [output, *videos.values()], overwrite)
@@ -96,7 +96,7 @@ def run_balls(request: BallsRequest, job: Job) -> JobResult:
 
 
 def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
-    """Provenance of the recording; views as yaw and pitch [deg]."""
+    """Provenance of the recording: its settings, frame rate and seed, and the views as yaw and pitch [deg]."""
     values = asdict(setup.config)
     values["views"] = [list(view) for view in VIEWS[: setup.config.views]]
     made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store.store, "grey": setup.store.grey}
@@ -106,7 +106,18 @@ def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
 def _write_truth(
     writer: RecordingWriter, setup: BallsSetup, paths: BallPaths, frame: BallsFrame, counts: Counter[str]
 ) -> int:
-    """Write the ground truth of one time; return the time [ns]."""
+    """Write the true positions of one frame, and the true boxes in all views.
+
+    Args:
+        writer: of the recording.
+        setup: settings and scene.
+        paths: true paths of the balls.
+        frame: boxes and number of the frame.
+        counts: numbers of frames, boxes and hidden balls, which are increased.
+
+    Returns:
+        Time of the frame [ns].
+    """
     t_ns = START_NS + int(step_times(frame.frame, 1, 1.0 / setup.rate_hz)[0])
     writer.table(balls_truth(paths.centres[frame.frame], t_ns))
     for boxes in balls_boxes(frame, setup.scene.cameras, t_ns):
@@ -116,7 +127,7 @@ def _write_truth(
 
 
 def _delivered(setup: BallsSetup, frame: BallsFrame) -> tuple[Image, ...]:
-    """Images of all views, grey if requested."""
+    """Images of all views of a frame, grey if requested."""
     return tuple(map(grey, frame.images)) if setup.store.grey else frame.images
 
 
@@ -127,7 +138,10 @@ def _write_images(
     frames: Iterator[BallsFrame],
     counts: Counter[str],
 ) -> None:
-    """Write PNG images to the recording, compressed in parallel with drawing."""
+    """Write truth and PNG images of all frames to the recording, and update `counts`.
+
+    Images are compressed in parallel with drawing.
+    """
 
     def write(frame: BallsFrame, coded: list[Future[bytes]]) -> None:
         t_ns = _write_truth(writer, setup, paths, frame, counts=counts)
@@ -155,7 +169,10 @@ def _write_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> None:
-    """Write FFV1 files next to the recording."""
+    """Write the truth of all frames to the recording, and the images to FFV1 files next to it; update `counts`.
+
+    `videos` has the file of each camera.
+    """
     size = (setup.config.width, setup.config.height)
     with ExitStack() as stack:
         open_videos = {

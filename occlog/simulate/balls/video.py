@@ -47,7 +47,7 @@ class BallsFrame(NamedTuple):
 
 
 class ViewCanvas(NamedTuple):
-    """Constant data for rendering one view."""
+    """Constant data for rendering one view of the balls."""
 
     number: int  # of the view
     camera: Camera
@@ -105,7 +105,18 @@ def _draw(
     depth: Floats,
     label: NDArray[np.int32],
 ) -> tuple[Bytes, Floats]:
-    """Render one image, and the visible shares (n,); buffers are restored."""
+    """Render one image (H, W, 3), and return it with the visible shares (n,) of the balls, 0 to 1.
+
+    Args:
+        config: of the balls.
+        seed: of the sensor noise.
+        canvas: camera and background of the view.
+        t: number of the frame.
+        paths: of the balls.
+        noise: of `_noise`.
+        depth: (H, W, 4) inf; used, and restored.
+        label: (H, W, 4) used, and restored.
+    """
     centres = np.ascontiguousarray((paths.centres[t] - canvas.camera.position) @ canvas.camera.rotation)
     turns = np.ascontiguousarray(canvas.camera.rotation.T @ paths.turns[t])
     covered, visible = np.zeros((len(centres), 5), dtype=np.int64), np.zeros(len(centres), dtype=np.int64)
@@ -136,7 +147,10 @@ def _draw(
 
 
 def _noise(config: BallsConfig, rng: np.random.Generator) -> Floats32:
-    """Sensor noise of the three colours of a row of pixels, plus 0.5 for rounding."""
+    """Sensor noise of the three colours of a row of pixels (3 (NOISE + width),), plus 0.5 for rounding.
+
+    Each pixel takes a random part of it.
+    """
     n = NOISE + config.width
     common, single = rng.standard_normal((n, 1), dtype=np.float32), rng.standard_normal((n, 3), dtype=np.float32)
     return np.asarray(0.5 + config.noise * common + config.colour_noise * single, dtype=np.float32).ravel()
@@ -181,7 +195,7 @@ def _view_canvas(config: BallsConfig, seed: int, number: int, camera: Camera) ->
 
 
 def _background(config: BallsConfig, rng: np.random.Generator) -> Floats32:
-    """(H, W, 3) mottled background with patches in the colours of the balls."""
+    """(height, width, 3) mottled background, levels 0 to 255, with rectangular patches in the colours of the balls."""
     height, width = config.height, config.width
     x, y = (a.ravel().astype(np.float64) for a in np.meshgrid(np.arange(width), np.arange(height)))
     grain_seed = int(rng.integers(1 << 20))
@@ -217,7 +231,7 @@ def balls_scene(config: BallsConfig, rate_hz: float) -> Scene:
 
 
 def balls_truth(centres: Floats, t_ns: int) -> Truth:
-    """True positions (n, 3) of all balls at one time; each is a target."""
+    """Table of the true positions `centres` (n, 3) of all balls at `t_ns` [ns]; each is a target."""
     n = len(centres)
     return Truth.of(
         t_ns=np.full(n, t_ns),
@@ -230,7 +244,7 @@ def balls_truth(centres: Floats, t_ns: int) -> Truth:
 
 
 def balls_boxes(frame: BallsFrame, cameras: tuple[Camera, ...], t_ns: int) -> list[TruthBoxes]:
-    """True boxes of all balls that reach into the image, for each view.
+    """True boxes of all balls that reach into the image at `t_ns` [ns], a table for each view.
 
     Occluded balls are included, with their visible share.
     """

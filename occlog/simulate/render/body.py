@@ -58,6 +58,11 @@ def solids(poses: Poses, clothes: Clothes, metre: float) -> Solids:
     """Return the ellipsoids of n bodies with these poses, all ellipsoids of one body in a row.
 
     The feet touch the floor.
+
+    Args:
+        poses: of the bodies.
+        clothes: of the bodies, and their statures over 1.75 m.
+        metre: a metre in scene units.
     """
     build = _Builder(len(poses.xy))
     lowest = _legs(build, poses)
@@ -96,7 +101,17 @@ class _Builder:
         self.part.append(part)
 
     def limb(self, part: int, start: Floats, angle: Floats, length: float, radius: float) -> Floats:
-        """Add a limb hanging from `start`, swung forward by `angle` [rad]; return the position of its other end."""
+        """Add a limb hanging from `start`, swung forward by `angle`; return its other end (n, 3).
+
+        Lengths are in m, of bodies of 1.75 m.
+
+        Args:
+            part: number of the part of the body, which determines the clothes.
+            start: (n, 3) upper end, in the body's frame.
+            angle: (n,) from straight down [rad].
+            length: of the limb.
+            radius: of the limb.
+        """
         s, c, o = np.sin(angle), np.cos(angle), np.zeros(self.n)
         along = np.stack([s, o, -c], axis=-1)
         self.centre.append(start + 0.5 * length * along)
@@ -108,7 +123,10 @@ class _Builder:
 
 
 def _legs(build: _Builder, poses: Poses) -> Floats:
-    """Add both legs of n bodies; return (n,) the height of the lowest point of the shoes, hips at standing height."""
+    """Add both legs of n bodies; return (n,) the height [m] of the lowest point of the shoes.
+
+    Of bodies of 1.75 m, with hips at standing height.
+    """
     lowest = np.full(build.n, np.inf)
     for side in (1.0, -1.0):
         phase = poses.phase + (0.0 if side > 0 else np.pi)
@@ -211,10 +229,10 @@ LAG_S = 0.35
 
 
 def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
-    """The grids with, instead of z, columns vx, vy (smoothed velocity in m/s) and phase of the gait [rad].
+    """Generate the grids with, instead of z, columns vx, vy (smoothed velocity in m/s) and phase of the gait [rad].
 
     A body faces its velocity, smoothed with a time constant of 0.35 s, so that the noise
-    of its path does not make it shake; it starts in the direction of its first step.
+    of its path does not make it shake; it starts in the direction of its first step. `metre` is a metre in scene units.
     """
     last: TimeGrid | None = None
     for grid in grids:
@@ -234,9 +252,14 @@ def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
 
 
 def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats, Floats, Floats]:
-    """Return position, velocity and gait phase of each object at the last time of the previous chunk.
+    """Return position (n, 2), velocity (n, 2) [m/s] and gait phase (n,) [rad] at the last time of the previous chunk.
 
     Of an object that was not in it, those at the first time of this chunk.
+
+    Args:
+        last: previous chunk, with velocity and phase in columns 2 to 4; None: there was none.
+        grid: this chunk, with n objects.
+        metre: a metre in scene units.
     """
     position = grid.xyz[0, :, :2].copy()
     velocity = np.zeros_like(position)

@@ -66,7 +66,16 @@ def pixel_boxes(camera: Camera, limits: Floats, points: Floats) -> Ints:
 
 
 def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Convert bounding boxes in undistorted normalised coordinates to pixel bounds of the distorted image."""
+    """Convert bounding boxes in undistorted normalised coordinates to pixel bounds of the distorted image.
+
+    Args:
+        camera: has the lens.
+        low: (n, 2) left and top.
+        high: (n, 2) right and bottom.
+
+    Returns:
+        (n, 2) left and top, and (n, 2) right and bottom [px], with some slack for a lens with distortion.
+    """
     u = np.concatenate([BORDER, BORDER, 0 * BORDER, 0 * BORDER + 1])
     v = np.concatenate([0 * BORDER, 0 * BORDER + 1, BORDER, BORDER])
     border = low[:, None] + (high - low)[:, None] * np.stack([u, v], axis=-1)
@@ -77,14 +86,28 @@ def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Float
 
 
 def around_ellipsoids(centre: Floats, axes: Floats, half: Floats) -> Floats:
-    """Return (P, 8, 3) corners of the oriented boxes around ellipsoids; `half` are the lengths of their semi-axes."""
+    """Return (P, 8, 3) corners of the oriented boxes around ellipsoids.
+
+    Args:
+        centre: (P, 3) centres.
+        axes: (P, 3, 3) rows: directions of the axes, over the semi-axes.
+        half: (P, 3) lengths of the semi-axes.
+    """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     edges = axes * half[..., None] ** 2  # rows: axis direction times half length
     return np.asarray(centre[:, None] + np.einsum("ck,pkj->pcj", signs, edges))
 
 
 def around_shadows(xy: Floats, height: Floats, radius: Floats, lights: Floats, reach: Floats) -> Floats:
-    """Return (n, m, 3) floor points around n upright cylinders and their shadows, cut off at `reach` (n,) from them."""
+    """Return (n, m, 3) floor points around n upright cylinders and their shadows.
+
+    Args:
+        xy: (n, 2) axes.
+        height: (n,) of the cylinders.
+        radius: (n,) of the cylinders.
+        lights: (L, 5) lamps.
+        reach: (n,) shadows are cut off at this distance from the axis.
+    """
     turns = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     parts = [xy[:, None] + 2.2 * radius[:, None, None] * ring]
@@ -122,7 +145,7 @@ class Canvas(NamedTuple):
 
 
 class RenderedFrame(NamedTuple):
-    """A frame and its content."""
+    """A rendered frame, and the objects that it shows."""
 
     image: Bytes  # (H, W, 3) BGR
     present: Ints  # (m,) which objects were there to be drawn
@@ -146,7 +169,13 @@ def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32, contrast
 
 
 def bare_canvas(camera: Camera, lights: Floats, metre: float) -> Canvas:
-    """Prepare a renderer for bodies alone, on a black background and without noise."""
+    """Prepare a renderer for bodies alone, on a black background and without noise.
+
+    Args:
+        camera: with an image size.
+        lights: (L, 5) lamps.
+        metre: a metre in scene units.
+    """
     width = (camera.image_size or (0, 0))[0]
     return _on(camera, blank(camera, len(lights)), lights, metre, np.zeros(4 * width, dtype=np.float32))
 
@@ -221,7 +250,15 @@ def _shadows(c: Canvas, rows: Floats, worn: Clothes) -> None:
 
 
 def _bodies(c: Canvas, rows: Floats, worn: Clothes) -> tuple[Ints, Ints]:
-    """Draw the bodies into the canvas; return the image bounds and the visible part of each body."""
+    """Draw n bodies into the canvas; return the image bounds (n, 5) of each body and of its visible part.
+
+    Bounds are left, top, right and bottom pixel, and the number of lines of sight.
+
+    Args:
+        c: canvas, changed.
+        rows: (n, 5) x, y, vx, vy and gait phase.
+        worn: clothes.
+    """
     n = len(rows)
     parts = solids(poses(rows), worn, c.room.metre)
     boxes = pixel_boxes(c.camera, c.limits, around_ellipsoids(parts.centre, parts.axes, parts.half))

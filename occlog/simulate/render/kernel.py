@@ -99,7 +99,16 @@ def trace_into(
 
 @kernel
 def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: float) -> float:
-    """Return the share (0 or 1) of the first of two colours of a cloth pattern, at a point of the unit sphere."""
+    """Return the share (0 or 1) of the first of two colours of a cloth pattern, at a point of the unit sphere.
+
+    Args:
+        qx: point, in the ellipsoid's own axes; positive: at the front.
+        qy: point.
+        qz: point, along the third axis.
+        half: half length of this axis.
+        pattern: `PLAIN` (always 1), `HOOPS`, `STRIPES`, `CHECKS` or `SIDES` (front and back).
+        metre: a metre in scene units.
+    """
     first = True
     if pattern == 1 or pattern == 3:
         first = math.floor(qz * half / (0.06 * metre)) % 2 == 0
@@ -112,7 +121,16 @@ def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: flo
 
 @kernel
 def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bodies, room: Room) -> None:
-    """Set `colour` (3,), BGR, to the shaded colour of ellipsoid p where a line of sight meets it at depth t."""
+    """Compute the colour of an ellipsoid of a body where a line of sight meets it, in place.
+
+    Args:
+        colour: (3,) blue, green, red; set.
+        p: index of the ellipsoid.
+        t: distance of the point, in lengths of `ray`.
+        ray: (3,) direction of the line of sight.
+        bodies: ellipsoids with their clothes.
+        room: has the position of the camera and the lamps.
+    """
     rx, ry, rz = ray[0], ray[1], ray[2]
     x, y, z = room.origin[0] + t * rx, room.origin[1] + t * ry, room.origin[2] + t * rz
     a, centre = bodies.axes[p], bodies.centre[p]
@@ -148,8 +166,18 @@ def resolve_into(
 ) -> None:
     """Paint what `trace_into` found, count the visible pixels of each body, and restore the buffers.
 
-    `visible` (n, 5) is like `extent`, for the lines of sight that end on the body.  An
-    ellipsoid is shaded once in a pixel, on the first of its lines of sight.
+    An ellipsoid is shaded once in a pixel, on the first of its lines of sight.
+
+    Args:
+        image: (H, W, 3) BGR, painted.
+        depth: (H, W, 4) of the nearest ellipsoid; set to `empty_depth`.
+        label: (H, W, 4) number of that ellipsoid; set to -1.
+        visible: (n, 5) as `extent`, extended by the lines of sight that end on the body.
+        empty_depth: (H, W, 4) of the room without people.
+        rays: (H, W, 4, 3) directions.
+        extent: (n, 5) left, top, right and bottom pixel of each body, and its lines of sight.
+        bodies: all ellipsoids.
+        room: lamps and camera.
     """
     colour = np.zeros(3)
     for k in range(extent.shape[0]):
@@ -177,7 +205,10 @@ def resolve_into(
 
 @kernel
 def count_into(bounds: Ints, row: int, col: int) -> None:
-    """Extend the pixel bounds (5,) left, top, right, bottom, count in place by one line of sight at a pixel."""
+    """Extend pixel bounds in place by one line of sight at the pixel (row, col).
+
+    `bounds` (5,) are left, top, right, bottom and number of lines of sight.
+    """
     bounds[0] = min(bounds[0], col)
     bounds[1] = min(bounds[1], row)
     bounds[2] = max(bounds[2], col)

@@ -141,7 +141,10 @@ def _checked(camera: Camera) -> Camera:
 
 
 def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
-    """Draw clothes for the objects; they depend on the seed, the numbers, and which objects are targets."""
+    """Draw clothes for n objects; they depend on the seed, the numbers, and which objects are targets.
+
+    `ids` (n,) are the numbers, `target` (n,) tells which are targets.
+    """
     targets = ids[target].tolist()
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
@@ -159,7 +162,13 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
 
 
 def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -> list[RenderJob]:
-    """Return the frames to render in one chunk of truth, sorted by time and then by camera."""
+    """Return the frames to render in one chunk of truth, sorted by time and then by camera.
+
+    Args:
+        found: frames of each camera.
+        ids: (n,) numbers of the objects.
+        clothes: of the objects.
+    """
     jobs = [
         RenderJob(int(t), number, appearance.first + k, appearance.xyz[k], ids, clothes)
         for number, appearance in enumerate(found)
@@ -189,7 +198,15 @@ def _rendered(camera: Camera, job: RenderJob, drawn: RenderedFrame, config: Rend
 def _boxes(
     camera: Camera, job: RenderJob, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats
 ) -> TruthBoxes:
-    """Return the ground-truth boxes of one frame, rounded to whole pixels; one empty row for a frame without people."""
+    """Return the ground-truth boxes of one frame, rounded to whole pixels; one empty row for a frame without people.
+
+    Args:
+        camera: of the frame.
+        job: the frame.
+        ids: (m,) numbers of the people.
+        pixels: (m, 5) left, top, right and bottom pixel, and lines of sight.
+        share: (m,) visible shares, 0 to 1.
+    """
     if not len(ids):
         ids, pixels, share = np.array([-1]), np.full((1, 5), -1), np.array([np.nan])
         left = top = width = height = np.array([np.nan])
@@ -250,7 +267,7 @@ def reference_appearances(
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
     """Return the canvas of a camera that views the position under the first lamp, and that position (2,).
 
-    The camera is at a fixed distance and points at the azimuth `angle` [rad].
+    The camera is at a fixed distance and points at the azimuth `angle` [rad]; `metre` is a metre in scene units.
     """
     lights = lamps(scene.surroundings, scene.room_height)
     position = lights[0, :2]
@@ -268,7 +285,15 @@ def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
 
 
 def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, phase: float, colours: bool) -> None:
-    """Add the pixels of one rendered body, walking along x, to a colour histogram in place."""
+    """Add the pixels of one rendered body, walking along x, to a colour histogram in place.
+
+    Args:
+        counts: (m,) histogram.
+        view: canvas, and position of the body (2,).
+        clothes: of the body.
+        phase: of its gait [rad].
+        colours: False: the image is made grey.
+    """
     sheet, position = view
     rows = np.array([[*position, WALKING, 0.0, phase]])
     image = draw(

@@ -66,9 +66,20 @@ def cast(
     starts: Ints,
     heights: Floats,
 ) -> tuple[Floats, Ints]:
-    """Return the nearest hits of (N, 3) lines of sight with the room.
+    """Return the nearest hits of N lines of sight with the room.
 
-    (N,) distances in ray lengths, inf without a hit, and (N,) numbers of the surfaces, -1 without a hit.
+    Args:
+        origin: (3,) of all lines.
+        rays: (N, 3) directions.
+        faces: (F, 5) upright faces: ax, ay, bx, by, height.
+        room: (K, 2) outline under the ceiling; (0, 2): no ceiling.
+        height: of the ceiling.
+        caps: (S, 2) packed outlines of the pillars.
+        starts: (P + 1,) first corner of each.
+        heights: (P,) of the pillars.
+
+    Returns:
+        (N,) distances in ray lengths, inf without a hit, and (N,) numbers of the surfaces, -1 without a hit.
     """
     cx, cy, cz = origin[0], origin[1], origin[2]
     t_out = np.full(rays.shape[0], np.inf)
@@ -102,7 +113,10 @@ def cast(
 
 
 def solid_scene(scene: Scene, camera: Camera, metre: float, contrast: float) -> Solid:
-    """Return the surfaces visible to a camera: the sides of walls and pillars that face it."""
+    """Return the surfaces visible to a camera: the sides of walls and pillars that face it.
+
+    `metre` is a metre in scene units, `contrast` a factor of the surfaces' texture.
+    """
     sides: list[list[float]] = []
     wall: list[bool] = []
     if scene.room is not None:
@@ -132,7 +146,17 @@ def _circle(polygon: Floats, margin: float) -> list[float]:
 
 
 def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[list[float]]:
-    """Return the edges of a counter-clockwise polygon that show their inner (or outer) side to the camera."""
+    """Return the edges of a counter-clockwise polygon that show one of their sides to the camera.
+
+    Args:
+        polygon: (K, 2).
+        height: of the face on each edge.
+        ground: (2,) position of the camera.
+        inner: the inner sides, of a room; otherwise the outer ones, of a pillar.
+
+    Returns:
+        ax, ay, bx, by (both ends) and height of each.
+    """
     found = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         left = (b[0] - a[0]) * (ground[1] - a[1]) - (b[1] - a[1]) * (ground[0] - a[0])
@@ -142,7 +166,10 @@ def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[
 
 
 def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0) -> Background:
-    """Render the empty room for one camera, with four lines of sight per pixel."""
+    """Render the empty room for one camera, with four lines of sight per pixel.
+
+    `metre` is a metre in scene units, `contrast` a factor of the surfaces' texture.
+    """
     solid = solid_scene(scene, camera, metre, contrast)
     out = blank(camera, len(solid.lights))
     height = out.depth.shape[0]
@@ -152,7 +179,10 @@ def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0
 
 
 def blank(camera: Camera, n_lights: int) -> Background:
-    """Return a black background at infinite depth without a floor, with the camera's lines of sight."""
+    """Return a black background at infinite depth without a floor, with the camera's lines of sight.
+
+    ValueError for a camera without image size.
+    """
     if camera.image_size is None:
         raise ValueError(f"camera {camera.name} has no image size")
     width, height = camera.image_size
@@ -177,7 +207,16 @@ def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
 
 
 def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: int) -> None:
-    """Render the image rows `top` to `bottom` of the background in place."""
+    """Render some rows of the image of the empty room, in place.
+
+    Args:
+        out: background with the directions of its pixels; colours, depths, positions on the floor and the light there
+            are written.
+        camera: from which the room is seen.
+        solid: walls, floor and static occluders with their colours.
+        top: first row.
+        bottom: row behind the last one.
+    """
     width = out.depth.shape[1]
     rays = out.rays[top:bottom].reshape(-1, 3).astype(np.float64)
     t, hit = cast(
@@ -201,7 +240,16 @@ def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: 
 
 @kernel
 def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, origin: Floats, lights: Floats) -> None:
-    """Compute, in place, position (2,) and share of the floor in each floor pixel, and the light of each lamp there."""
+    """Compute, in place, the position on the floor seen by each pixel, and the light of each lamp there.
+
+    Args:
+        floor: (H, W, 3) x, y and share of the pixel that is floor; set where that is above 0.
+        lamp: (H, W, L) light, set likewise.
+        share: (H, W) that is floor, 0 to 1.
+        rays: (H, W, 3) directions through the middles of the pixels.
+        origin: (3,) position of the camera.
+        lights: (L, 5) lamps.
+    """
     for row in range(share.shape[0]):
         for col in range(share.shape[1]):
             if share[row, col] > 0.0 and rays[row, col, 2] < 0.0:
@@ -213,7 +261,15 @@ def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, ori
 
 
 def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: Solid) -> Floats:
-    """Return (N, 3) lit BGR colours of the surface points hit by lines of sight; the sky colour for misses."""
+    """Return (N, 3) lit BGR colours of the surface points hit by lines of sight; the sky colour for misses.
+
+    Args:
+        origin: (3,) of all lines.
+        rays: (N, 3) directions.
+        t: (N,) distances in ray lengths, inf without a hit.
+        hit: (N,) numbers of the surfaces, -1 without a hit.
+        solid: the surfaces.
+    """
     colour = np.tile(SKY, (len(rays), 1))
     normals = np.zeros((len(rays), 3))
     points = origin + np.where(np.isfinite(t), t, 0.0)[:, None] * rays
@@ -238,7 +294,13 @@ def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: S
 
 
 def _surface(what: int, metres: Floats, solid: Solid) -> tuple[Floats, Floats]:
-    """Return unlit BGR colours of points on one surface, and the surface's normal (3,)."""
+    """Return unlit BGR colours (N, 3) of points on one surface, and the surface's normal (3,).
+
+    Args:
+        what: number of the surface.
+        metres: (N, 3) points [m].
+        solid: the surfaces.
+    """
     x, y, z = metres.T
     k, contrast = what - FACES, solid.contrast
     if what == FLOOR:

@@ -29,7 +29,7 @@ POSTERS = np.array(
 
 @kernel
 def hash_point(i: int, j: int, seed: int) -> float:
-    """A pseudo-random number in [0, 1) that belongs to the integer point (i, j)."""
+    """Pseudo-random number in [0, 1) that belongs to the integer point (i, j) and a seed."""
     h = (i * 0x27D4EB2F + j * 0x165667B1 + seed * 0x1E3779B1) & 0xFFFFFFFF
     h = ((h ^ (h >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     h = ((h ^ (h >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -38,7 +38,7 @@ def hash_point(i: int, j: int, seed: int) -> float:
 
 @kernel
 def hashed(i: Ints, j: Ints, seed: int) -> Floats:
-    """Return (N,) pseudo-random numbers of integer points: `hash_point` for arrays."""
+    """Return (N,) pseudo-random numbers in [0, 1) of integer points (i, j), each (N,): `hash_point` for arrays."""
     out = np.empty(i.shape[0])
     for n in range(i.shape[0]):
         out[n] = hash_point(i[n], j[n], seed)
@@ -47,7 +47,10 @@ def hashed(i: Ints, j: Ints, seed: int) -> Floats:
 
 @kernel
 def smooth_noise(x: Floats, y: Floats, cell: float, seed: int) -> Floats:
-    """Return (N,) smooth noise in [-1, 1] with correlation length `cell` (value noise on a grid of hashed numbers)."""
+    """Return (N,) smooth noise in [-1, 1] at the points (x, y), each (N,), with the correlation length `cell`.
+
+    Value noise on a grid of hashed numbers; `seed` selects it.
+    """
     out = np.empty(x.shape[0])
     for n in range(x.shape[0]):
         i, j = math.floor(x[n] / cell), math.floor(y[n] / cell)
@@ -60,7 +63,7 @@ def smooth_noise(x: Floats, y: Floats, cell: float, seed: int) -> Floats:
 
 
 def grain(x: Floats, y: Floats, seed: int, contrast: float) -> Floats:
-    """Return (N, 1) brightness factors around 1 with a texture of 4 cm to 50 cm.
+    """Return (N, 1) brightness factors around 1 at the points (x, y) [m], each (N,), with a texture of 4 cm to 50 cm.
 
     `contrast` scales the deviation from 1.
     """
@@ -70,7 +73,10 @@ def grain(x: Floats, y: Floats, seed: int, contrast: float) -> Floats:
 
 
 def floor_colour(x: Floats, y: Floats, contrast: float) -> Floats:
-    """Return (N, 3) BGR colours of the floor: 60 cm tiles in two shades with dark joints."""
+    """Return (N, 3) BGR colours of the floor at (x, y) [m], each (N,): 60 cm tiles in two shades with dark joints.
+
+    `contrast` is a factor of the differences, 1 as designed.
+    """
     i, j = np.floor(x / 0.6).astype(np.int64), np.floor(y / 0.6).astype(np.int64)
     u, v = x / 0.6 - i, y / 0.6 - j
     dark = ((i + j) % 2 == 0) - 0.5
@@ -83,7 +89,12 @@ def floor_colour(x: Floats, y: Floats, contrast: float) -> Floats:
 def wall_colour(along: Floats, z: Floats, number: int, height: float, contrast: float) -> Floats:
     """Return (N, 3) BGR colours of a painted wall with a darker base, a ledge and pictures.
 
-    `along` [m] runs along the wall.
+    Args:
+        along: (N,) position along the wall [m].
+        z: (N,) height [m].
+        number: of the wall, by which walls differ.
+        height: of the wall [m].
+        contrast: factor of the differences, 1 as designed.
     """
     base = (z < 0.42 * height)[:, None]
     colour = np.where(base, WALL_BASE, WALL_PAINT) * grain(along, z, 101 + number, contrast)
@@ -102,7 +113,14 @@ def wall_colour(along: Floats, z: Floats, number: int, height: float, contrast: 
 
 
 def pillar_colour(along: Floats, z: Floats, number: int, contrast: float) -> Floats:
-    """Return (N, 3) BGR colours of a pillar: bricks of 24 x 8 cm, every second row shifted by half a brick."""
+    """Return (N, 3) BGR colours of a pillar: bricks of 24 x 8 cm, every second row shifted by half a brick.
+
+    Args:
+        along: (N,) position along the face [m].
+        z: (N,) height [m].
+        number: of the face, by which faces differ.
+        contrast: factor of the differences, 1 as designed.
+    """
     row = np.floor(z / 0.08).astype(np.int64)
     shifted = along / 0.24 + 0.5 * (row % 2)
     brick = np.floor(shifted).astype(np.int64)
@@ -114,7 +132,10 @@ def pillar_colour(along: Floats, z: Floats, number: int, contrast: float) -> Flo
 
 
 def ceiling_colour(x: Floats, y: Floats, contrast: float) -> Floats:
-    """Return (N, 3) BGR colours of the ceiling: pale panels of 1.2 m."""
+    """Return (N, 3) BGR colours of the ceiling at (x, y) [m], each (N,): pale panels of 1.2 m.
+
+    `contrast` is a factor of the differences, 1 as designed.
+    """
     u, v = np.mod(x, 1.2) / 1.2, np.mod(y, 1.2) / 1.2
     joint = np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v)) < 0.01
     shade = np.where(joint, 1.0 - 0.2 * min(contrast, 1.0), 1.0) * (1 + 0.02 * contrast * smooth_noise(x, y, 0.3, 400))
@@ -128,9 +149,10 @@ LAMP: Floats = np.array([(u, v) for u in (-1.0, -0.33, 0.33, 1.0) for v in (-1.0
 
 
 def lamps(region: Floats, height: float) -> Floats:
-    """(2, 5) lamps: x, y, z, power, and the distance at which the light has fallen to half.
+    """(2, 5) lamps of a room with the outline `region` (n, 2) and the ceiling at `height`.
 
-    The first hangs where the room is widest, the second far from the first and from the walls.
+    Columns: x, y, z, power, and the distance at which the light has fallen to half. The first hangs where the room is
+    widest, the second far from the first and from the walls.
     """
     low, high = region.min(axis=0), region.max(axis=0)
     steps = np.linspace(0.08, 0.92, 15)
@@ -147,7 +169,18 @@ def lamps(region: Floats, height: float) -> Floats:
 
 @kernel
 def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, lights: Floats, ambient: float) -> float:
-    """Return the brightness of a surface at point p with unit normal n by all lamps and `ambient`, ignoring shadows."""
+    """Brightness of a surface, by all lamps on its front and the ambient light, as if there were no shadows.
+
+    Args:
+        px: x of the point on the surface.
+        py: y of the point.
+        pz: z of the point.
+        nx: x of the unit normal.
+        ny: y of the unit normal.
+        nz: z of the unit normal.
+        lights: (L, 5) x, y, z, power, and the distance at which the light has fallen to half.
+        ambient: brightness without lamps.
+    """
     total = ambient
     for k in range(lights.shape[0]):
         lx, ly, lz = lights[k, 0] - px, lights[k, 1] - py, lights[k, 2] - pz
@@ -162,7 +195,19 @@ def light_at(px: float, py: float, pz: float, nx: float, ny: float, nz: float, l
 def in_shadow(
     px: float, py: float, pz: float, lx: float, ly: float, lz: float, walls: Floats, starts: Ints, heights: Floats
 ) -> bool:
-    """Return whether a wall or pillar (vertical prism) lies between point p and lamp l above it."""
+    """Whether a wall or pillar (vertical prism) lies between a point and a lamp above it.
+
+    Args:
+        px: x of the point.
+        py: y of the point.
+        pz: z of the point.
+        lx: x of the lamp.
+        ly: y of the lamp.
+        lz: z of the lamp.
+        walls: (V, 2) corners of the outlines, one after the other.
+        starts: (P + 1,) index of the first corner of each of P prisms; V at the end.
+        heights: (P,) of the prisms, which stand on the floor.
+    """
     ex, ey = lx - px, ly - py
     for w in range(starts.shape[0] - 1):
         first, last = starts[w], starts[w + 1]
@@ -183,9 +228,14 @@ def in_shadow(
 
 @kernel
 def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -> bool:
-    """Return whether the segment from (px, py) to (lx, ly) enters any circle (P, 3) x, y, radius.
+    """Whether the way to a lamp, seen from above, enters a circle around any prism; a fast test before `in_shadow`.
 
-    This is a fast test before `in_shadow`.
+    Args:
+        px: x of the point.
+        py: y of the point.
+        lx: x of the lamp.
+        ly: y of the lamp.
+        reach: (P, 3) circles: x, y, radius.
     """
     ex, ey = lx - px, ly - py
     length2 = max(ex * ex + ey * ey, 1e-12)
@@ -202,7 +252,18 @@ def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -
 def lit_share(
     px: float, py: float, pz: float, lamp: Floats, spread: float, walls: Floats, starts: Ints, heights: Floats
 ) -> float:
-    """Return the visible share, 0 to 1, of a square lamp of half width `spread` as seen from point p."""
+    """Return the visible share, 0 to 1, of a square lamp of half width `spread` as seen from point p.
+
+    Args:
+        px: point p.
+        py: point p.
+        pz: point p.
+        lamp: (5,) x, y, z, ...
+        spread: half width of the lamp.
+        walls: (V, 2) packed outlines of prisms.
+        starts: (P + 1,) first corner of each.
+        heights: (P,) of the prisms.
+    """
     lit = 0
     for corner in range(LAMP.shape[0]):
         lx = lamp[0] + spread * LAMP[corner, 0]
@@ -225,9 +286,19 @@ def shade_into(
     reach: Floats,
     ambient: float,
 ) -> None:
-    """Brightness factors (N,) of points (N, 3) with normals (N, 3), with soft shadows of prisms.
+    """Write the brightness factors (N,) of surface points to `out`, with soft shadows of P prisms.
 
-    `reach` (P, 3) are circles around the prisms, wide enough for the size of the lamps.
+    Args:
+        out: (N,) filled.
+        points: (N, 3).
+        normals: (N, 3) unit normals of the surfaces.
+        lights: (L, 5) lamps.
+        spread: half width of the lamps.
+        walls: (V, 2) packed outlines of the prisms.
+        starts: (P + 1,) first corner of each.
+        heights: (P,) of the prisms.
+        reach: (P, 3) circles around the prisms, wide enough for the size of the lamps.
+        ambient: brightness without any lamp.
     """
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]

@@ -32,15 +32,19 @@ class Sounding:
     """Active intervals of sources; draws are remembered, so that all arrays hear the same."""
 
     def __init__(self, silent: Mapping[int, Ints], means: tuple[float, float] | None, start_ns: int, seed: int) -> None:
-        """`silent`: by object, (k, 2) scripted silent intervals, from and to [ns].
+        """State when sources sound.
 
-        `means`: mean durations [s] of sound and silence (`SoundConfig`).
+        Args:
+            silent: by object, (k, 2) scripted silent intervals, from and to [ns].
+            means: mean durations [s] of sound and silence (`SoundConfig`); None: no random silence.
+            start_ns: begin of the simulation [ns].
+            seed: of the random silence.
         """
         self._silent, self._means, self._start, self._seed = dict(silent), means, start_ns, seed
         self._changes: dict[int, SoundChanges] = {}
 
     def at(self, t_ns: Ints, ids: Ints) -> Bools:
-        """Return (T, n) booleans: whether each of n sources sounds at each of T times [ns]."""
+        """Return (T, n) booleans: whether each source of `ids` (n,) sounds at each of the times `t_ns` (T,) [ns]."""
         out = np.ones((len(t_ns), len(ids)), dtype=np.bool_)
         for column, number in enumerate(ids.tolist()):
             for low, high in self._silent.get(number, ()):
@@ -65,7 +69,7 @@ class SoundChanges:
         self._start = start_ns
 
     def sounding(self, t_ns: Ints) -> Bools:
-        """Return (T,) booleans: whether the source sounds at ascending times [ns]."""
+        """Return (T,) booleans: whether the source sounds at ascending times `t_ns` (T,) [ns]."""
         seconds = (t_ns - self._start) * 1e-9
         while self._times[-1] <= seconds[-1]:
             lengths = (self._rng.standard_exponential((PAIRS, 2)) * self._means).ravel()
@@ -102,7 +106,20 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
 
 
 def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
-    """Merge unresolved sources for one block of times; see `merge_near`."""
+    """Merge unresolved sources for one block of T times; see `merge_near`.
+
+    Args:
+        to: (T, n, 3) directions of n sources from the array.
+        known: (T, n) sources with a known height.
+        heard: (T, n) sources that are heard.
+        resolution: angle below which two sources are merged [rad].
+        planar: the array measures azimuths only.
+
+    Returns:
+        (T, n, 3) directions, those of merged sources are their mean; (T, n) whether all heights of the merged sources
+        are
+        known; (T, n) the first of each group, which stands for it.
+    """
     flat = planar | ~(known[:, :, None] & known[:, None, :])
     ground = _unit(np.concatenate([to[..., :2], np.zeros_like(to[..., :1])], axis=-1))
     units = ground if planar else _unit(to)
@@ -130,7 +147,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _distances(units: Floats) -> Floats:
-    """Return (T, n, n) chord distances between unit vectors; NaN where a vector is NaN."""
+    """Return (T, n, n) chord distances between unit vectors (T, n, 3); NaN where a vector is NaN."""
     return np.asarray(np.linalg.norm(units[:, :, None] - units[:, None, :], axis=-1))
 
 
@@ -192,7 +209,10 @@ def observe_arrays(
 
 
 def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> SimulatedArray:
-    """Return the array with its own random generator; InputError for a tilted planar array."""
+    """Return the array with its own random generators; InputError for a tilted planar array.
+
+    `number` is its index in the scene.
+    """
     if array.planar and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is planar and tilted, so that it measures no azimuth in the world; "
@@ -262,7 +282,10 @@ def _report(
 
 
 def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
-    """Raise InputError if a tilted array hears a target of unknown height."""
+    """InputError if a tilted array hears a target of unknown height.
+
+    `known` and `heard` are masks (T, n) of times and targets.
+    """
     if (heard & ~known).any() and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z",
@@ -271,9 +294,14 @@ def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
 
 
 def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return world azimuths and elevations [rad] of (m, 3) directions, with noise on the array's two angles.
+    """Return world azimuths and elevations (m,) [rad] of directions, with noise on the array's two angles.
 
     Directions that the noise moves beyond a pole continue on its other side.
+
+    Args:
+        array: with its standard deviations.
+        to: (m, 3) directions in the world.
+        noise: (m, 2) standard normal numbers.
     """
     sigma_elevation = array.sigma if array.sigma_elevation is None else array.sigma_elevation
     vertical = _vertical(array)
@@ -291,9 +319,17 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
 
 
 def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
-    """Draw false directions at given times: Poisson in number, uniform over the sphere or over all azimuths.
+    """Draw false directions of an array: their number is Poisson distributed, they are uniform over all directions.
 
-    Return times, labels, azimuths and elevations; elevations are NaN for planar arrays and unknown heights.
+    Args:
+        sensor: array with its random generators.
+        t_ns: (m,) times of the measurements [ns].
+        sound: has the rate of false directions.
+
+    Returns:
+        (n,) columns: times [ns], labels `UNLABELLED`, azimuths and elevations [rad]; elevations are NaN for a planar
+        array,
+        and where heights are not known.
     """
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
     numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
@@ -310,9 +346,14 @@ def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints
 
 
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
-    """Return the measurement table of an array from columns of equal length.
+    """Create the table of an array's measurements, sorted by time and azimuth.
 
-    Azimuths and elevations are those in the world [rad].
+    Args:
+        array: has name and standard deviations.
+        t_ns: (n,) times [ns].
+        source: (n,) labels of the sources, `UNLABELLED` for none.
+        azimuth: (n,) in the world [rad].
+        elevation: (n,) in the world [rad]; NaN: not measured.
     """
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)

@@ -62,7 +62,15 @@ def observe(
 
 
 def _simulated_camera(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> SimulatedCamera:
-    """Return the camera with its own random generator, at its true pose if calibration errors are simulated."""
+    """Create a camera with random generators of its own, at its true pose if calibration errors are simulated.
+
+    Args:
+        scene: has the walls.
+        camera: as in the scene, with the standard deviations of its pose.
+        number: its index in the scene.
+        config: whether calibration errors are simulated.
+        seed: of the random numbers.
+    """
     ground, yaw = camera.ground, camera.yaw
     if config.pose_noise == "calibration":
         error = generator(seed, RandomStream.CAMERA_CALIBRATION, number).standard_normal(3)
@@ -79,9 +87,14 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
 
 
 def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
-    """Return (T,) booleans: whether the camera sees object k of (T, n, 3) positions.
+    """Return (T,) booleans: whether the camera sees object k; False where the object is absent.
 
-    They are False where the object is absent.
+    Args:
+        camera: at its stated pose.
+        walls: polygons (K, 2) that occlude.
+        xyz: (T, n, 3) positions of all objects, NaN if absent.
+        k: index of the object.
+        diameter: of other objects, which occlude; 0: they do not.
     """
     xy = xyz[:, k, :2]
     # In front of the camera, in its field of view and range
@@ -96,7 +109,14 @@ def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diam
 
 
 def _report(sensor: SimulatedCamera, sensor_frames: SensorFrames, grid: TimeGrid, config: ObserveConfig) -> Bearings:
-    """Simulate one camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
+    """Simulate one camera's rows for all targets; random numbers are drawn for every frame and target, used or not.
+
+    Args:
+        sensor: the camera.
+        sensor_frames: its frames, with positions of all objects.
+        grid: names the objects and targets.
+        config: of the simulation.
+    """
     frames, targets = len(sensor_frames.t_ns), np.flatnonzero(grid.target)
     noise = sensor.noise.standard_normal((frames, len(targets)))
     chance = sensor.chance.random((frames, len(targets), 3))
@@ -161,10 +181,18 @@ def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
 
 
 def _rows(camera: Camera, t_ns: Ints, target: int, seen: Bools, z: Floats, distance: Floats) -> Bearings:
-    """Rows with the reading z (positive to the left) of a target at the given distance.
+    """Rows of a target with the readings z at given distances.
 
     In angles [Ercan] Eq. 2 is sigma_yaw^2 + sigma_position^2 / distance^2
     + sigma_read^2 / (f (1 + z^2 / f^2))^2, by d(bearing) = dz / (f (1 + z^2 / f^2)).
+
+    Args:
+        camera: that measures.
+        t_ns: (T,) times [ns].
+        target: identity.
+        seen: (T,) detections; other rows are without a measurement.
+        z: (T,) readings [px], positive to the left.
+        distance: (T,) from the camera.
     """
     f = float(camera.focal_px[0])
     z, distance = np.where(seen, z, np.nan), np.where(seen, distance, np.nan)

@@ -35,7 +35,15 @@ class SimulatedReader:
     last_ns: int = 0
 
     def shadowing(self, t_ns: Ints, ids: Ints, config: ReadConfig) -> Floats:
-        """Draw the (T, n) shadowing [dB] of n tags at T times: stationary Ornstein-Uhlenbeck processes."""
+        """Draw the (T, n) shadowing [dB] of n tags at T times, and keep the last for the next chunk.
+
+        Stationary Ornstein-Uhlenbeck processes; a tag that is new begins with the stationary distribution.
+
+        Args:
+            t_ns: (T,) rising times [ns].
+            ids: (n,) numbers of the tags.
+            config: standard deviation and time constant.
+        """
         normals = self.shadow.standard_normal((len(t_ns), len(ids)))
         level = np.array([self.levels.get(i, np.nan) for i in ids.tolist()])
         out = np.empty(normals.shape)
@@ -277,6 +285,9 @@ def _measured(
 
 
 def _distance(xyz: Floats, position: Floats) -> Floats:
-    """Return (T, n) 3-D distances of (T, n, 3) positions from a station; targets without a height are on the floor."""
+    """Return (T, n) 3-D distances of positions `xyz` (T, n, 3) from a station at `position` (3,).
+
+    Targets without a height (NaN) are on the floor.
+    """
     up = np.where(np.isnan(xyz[..., 2]), 0.0, xyz[..., 2]) - position[2]
     return np.asarray(np.sqrt((xyz[..., 0] - position[0]) ** 2 + (xyz[..., 1] - position[1]) ** 2 + up**2))

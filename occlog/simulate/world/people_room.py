@@ -130,13 +130,18 @@ def _image_boxes(camera: Camera, positions: Floats) -> Floats:
 
 
 def _clear(box: Floats, others: Floats) -> Bools:
-    """Return (m,) booleans: whether a person's boxes (V, 4) overlap none of the others' boxes (m, V, 4) in any view."""
+    """Return (m,) booleans: whether a person's boxes overlap none of another person's boxes in any view.
+
+    Args:
+        box: (V, 4) left, top, right, bottom in each of V views.
+        others: (m, V, 4) those of m other persons.
+    """
     disjoint = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
     return np.asarray(disjoint.any(axis=-1).all(axis=-1))
 
 
 class Avoidance(NamedTuple):
-    """Parameters of potential-field obstacle avoidance."""
+    """Parameters by which objects avoid obstacles in potential fields."""
 
     field: Field
     steps: StepRules
@@ -172,7 +177,14 @@ def starting(world: WaypointState) -> AvoidingState:
 def walk_avoiding(
     world: AvoidingState, ground: Ground, motion: WaypointMotion, rules: Avoidance, draws: WaypointNoise
 ) -> tuple[AvoidingState, Floats]:
-    """Move all objects by as many steps as there are draws.
+    """Move n objects by C steps, as many as there are draws; they avoid obstacles by potential fields.
+
+    Args:
+        world: state before the first step.
+        ground: room and walls.
+        motion: speed, noise and diameter.
+        rules: field, obstacles and patience.
+        draws: random numbers (C, n, ...).
 
     Returns:
         The world after the last step, and the path (C, n, 2) with the positions after each step.
@@ -206,7 +218,7 @@ def walk_avoiding(
 
 
 def _free(candidates: Floats, ground: Ground) -> Floats | None:
-    """Return the first of (K, 2) candidate positions that is free; None if none is."""
+    """Return the first of the candidate positions (K, 2) that is free, as (2,); None if none is."""
     for position in candidates:
         if place_free(position[0], position[1], ground):
             return np.asarray(position)
@@ -216,7 +228,15 @@ def _free(candidates: Floats, ground: Ground) -> Floats | None:
 def _around(
     xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, obstacles: MovingObstacles | None
 ) -> NearbyObstacles:
-    """Return the obstacles for n objects: each other, people, static occluders and walls."""
+    """Obstacles near each object: static occluders, walls, the other objects, and people.
+
+    Args:
+        xy: (n, 2) positions.
+        ground: has the room.
+        motion: diameter and step of the objects.
+        rules: has the static occluders.
+        obstacles: the people of this time step; None: there are none.
+    """
     n, radius = len(xy), 0.5 * motion.diameter
     others = np.array([[j for j in range(n) if j != i] for i in range(n)], dtype=np.int64).reshape(n, max(n - 1, 0))
     people = np.empty((0, 2)) if obstacles is None else obstacles.xy[np.isfinite(obstacles.xy[:, 0])]
@@ -240,6 +260,14 @@ def _moved(
     """Return (n, 2) positions after steps (n, 2).
 
     Objects move in turn, starting with `first`, and only to free positions.
+
+    Args:
+        xy: (n, 2) positions before.
+        step: (n, 2) wanted steps.
+        first: number of the step, modulo n that of the object.
+        ground: room and walls.
+        diameter: centres keep this distance from each other and from people.
+        obstacles: people of this step, if any.
     """
     n, out = len(xy), xy.copy()
     people = np.empty((0, 2)) if obstacles is None else np.concatenate([obstacles.xy, obstacles.after])

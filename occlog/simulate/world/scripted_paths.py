@@ -29,7 +29,7 @@ CHUNK_STEPS = 256
 
 
 def step_times(first: int, count: int, step_s: float) -> Ints:
-    """Return (count,) times of the steps from number `first` on, in ns after step 0."""
+    """Return (count,) times of the steps from number `first` on, in ns after step 0; `step_s` is that of a step [s]."""
     times: Ints = np.rint(np.arange(first, first + count) * (step_s * 1e9)).astype(np.int64)
     return times
 
@@ -75,7 +75,7 @@ def grid_truth(grid: TimeGrid) -> Truth:
 
 
 def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
-    """Return for each object with scripted silence the (k, 2) silent intervals [ns]."""
+    """Return for each object with scripted silence the (k, 2) silent intervals, from and to [ns]."""
     return {
         t.id: start_ns + np.array([[to_ns(a), to_ns(b)] for a, b in t.silent], dtype=np.int64)
         for t in script.targets
@@ -84,7 +84,13 @@ def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
 
 
 def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
-    """InputError for an object that leaves the room or is in a static occluder: people cannot be drawn there."""
+    """Check that people on scripted paths can be drawn; InputError for one outside the room or in a static occluder.
+
+    Args:
+        scene: room and static occluders.
+        grid: positions at all times.
+        start_ns: start of the simulation [ns], for the message.
+    """
     for column, number in enumerate(grid.ids.tolist()):
         there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))
         positions = np.ascontiguousarray(grid.xyz[there, column, :2])
@@ -101,7 +107,7 @@ def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
 
 
 def moved(state: Floats, segment: Segment, dt: float) -> Floats:
-    """Return (6,) position and velocity after dt seconds of one path segment, without noise."""
+    """Return position and velocity (6,) dt seconds after `state` (6,) in one path segment, without noise."""
     out = state.copy()
     out[:3] += dt * state[3:]
     if any(segment.acceleration):
@@ -118,7 +124,15 @@ def moved(state: Floats, segment: Segment, dt: float) -> Floats:
 
 
 def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np.random.Generator) -> Iterator[Floats]:
-    """Generate the (3,) position of one scripted target at each step; NaN while it is absent."""
+    """Generate the (3,) position of one scripted target at each step; NaN while it is absent.
+
+    Args:
+        target: the script.
+        steps: number of steps.
+        step_s: duration of a step [s].
+        z: height of a target that states none.
+        rng: of the process noise.
+    """
     x, y, own_z = target.position
     state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
     begin, end = to_ns(target.from_s), math.inf if math.isinf(target.until_s) else to_ns(target.until_s)
@@ -157,7 +171,15 @@ def _entered(state: Floats, segment: Segment) -> Floats:
 
 
 def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int], now: int, t: int) -> Floats:
-    """Return the state at time t [ns], propagated from time `now` through all segments in between."""
+    """Return the state (6,) at time t [ns], propagated from time `now` [ns] through all segments in between.
+
+    Args:
+        state: (6,) position and velocity at `now`.
+        pieces: begin [ns] and segment, in order.
+        starts: the begins alone.
+        now: time of the state.
+        t: the later time.
+    """
     piece = bisect_right(starts, now) - 1
     while piece + 1 < len(pieces) and starts[piece + 1] <= t:
         state = _entered(moved(state, pieces[piece][1], (starts[piece + 1] - now) * 1e-9), pieces[piece + 1][1])

@@ -26,7 +26,7 @@ from occlog.core.plane import distance_to_boundary, point_inside, segment_blocke
 
 
 class Ground(NamedTuple):
-    """Free ground of objects."""
+    """Free ground on which objects move: the room without walls and occluders."""
 
     room: Floats  # (K, 2)
     walls: Floats  # (S, 2) packed polygons: static occluders and pockets of the room
@@ -67,7 +67,7 @@ def place_free(x: float, y: float, ground: Ground) -> bool:
 
 @kernel
 def step_free(ax: float, ay: float, bx: float, by: float, ground: Ground) -> bool:
-    """True if a centre may go straight from a to b: b is free and no wall is crossed."""
+    """True if a centre may go straight from (ax, ay) to (bx, by): b is free and no wall is crossed."""
     if not place_free(bx, by, ground):
         return False
     walls, starts = ground.walls, ground.starts
@@ -79,7 +79,10 @@ def step_free(ax: float, ay: float, bx: float, by: float, ground: Ground) -> boo
 
 @kernel
 def first_hit(xy: Floats, i: int, bx: float, by: float, diameter: float) -> int:
-    """Number of the object that object i comes closest to on its way to b, or -1 if it keeps `diameter` from all."""
+    """Index of the object that object i comes closest to on its way to (bx, by); -1 if it keeps `diameter` from all.
+
+    `xy` (n, 2) are the positions.
+    """
     hit, nearest = -1, diameter * diameter
     ax, ay = xy[i, 0], xy[i, 1]
     ex, ey = bx - ax, by - ay
@@ -107,7 +110,19 @@ def try_into(
     ground: Ground,
     diameter: float,
 ) -> bool:
-    """Move object i by (ux, uy) in place if the new position is free; return whether it moved."""
+    """Move an object by a step, in place, if the new position is not too close to another object and the way is free.
+
+    Args:
+        xy: (n, 2) positions; row `i` is changed.
+        i: the object.
+        ux: step along x.
+        uy: step along y.
+        ground: floor and obstacles.
+        diameter: of the objects.
+
+    Returns:
+        Whether it moved.
+    """
     bx, by = xy[i, 0] + ux, xy[i, 1] + uy
     if first_hit(xy, i, bx, by, diameter) >= 0:
         return False
@@ -126,7 +141,7 @@ def move_into(
     ground: Ground,
     diameter: float,
 ) -> None:
-    """Move object i by (ux, uy), in place; where that is not free, turn away step by step, or stay.
+    """Move object i of `xy` (n, 2) by (ux, uy), in place; where that is not free, turn away step by step, or stay.
 
     Directions are tried in the order of their angle to the requested one, each with a whole
     step, then half a step.  Of two equal angles, the one that leads away from the object
@@ -160,7 +175,15 @@ def new_destination_into(
     step: float,
     ground: Ground,
 ) -> bool:
-    """Give object i the first of the (K, 2) candidates that is free and not straight behind a wall.
+    """Give object i the first of the candidates that is free and not straight behind a wall, in place.
+
+    Args:
+        xy: (n, 2) positions.
+        destination: (n, 2) destinations, of which that of object i is set.
+        i: the object.
+        candidates: (K, 2) positions.
+        step: length of a step, for which the way must be free.
+        ground: room and walls.
 
     Returns:
         False, and the old destination stays, if no candidate is.
@@ -196,9 +219,19 @@ def walk_into(
     ground: Ground,
     motion: WaypointMotion,
 ) -> None:
-    """Move all objects for several steps, [Ercan] Sec. 6; see `occlog.simulate.world.waypoints.walk` for the arguments.
+    """Move n objects for C steps, [Ercan] Sec. 6; see `walk`.
 
-    `path` (C, n, 2) and `changed` (C, n) are filled; `xy` and `destination` (n, 2) end as the last state.
+    Args:
+        path: (C, n, 2) positions after each step, filled.
+        changed: (C, n) whether an object took a new destination in a step, filled.
+        xy: (n, 2) positions; those after the last step at the end.
+        destination: (n, 2) destinations; those after the last step at the end.
+        noise: (C, n, 2) added to the steps.
+        chance: (C, n) uniform random numbers in [0, 1).
+        candidates: (C, n, K, 2) possible new destinations.
+        first_step: number of the first step, which decides who moves first.
+        ground: room and walls.
+        motion: step length and so on.
     """
     n, step = xy.shape[0], motion.step
     for t in range(path.shape[0]):
@@ -228,7 +261,7 @@ ATTEMPTS = 20_000
 
 
 class WaypointState(NamedTuple):
-    """Positions and destinations of the objects."""
+    """Positions and destinations of n walking objects."""
 
     xy: Floats  # (n, 2)
     destination: Floats  # (n, 2)
@@ -244,9 +277,16 @@ class WaypointNoise(NamedTuple):
 
 
 def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) -> WaypointState:
-    """Put `n` objects at random free positions, at least a diameter apart, each with a random destination.
+    """Put objects at random free positions, at least a diameter apart, each with a random free destination.
 
-    ValueError states how many were placed when the room is too full.
+    Args:
+        n: number of objects.
+        ground: floor and obstacles.
+        diameter: of the objects.
+        rng: generator that is used.
+
+    Raises:
+        ValueError: the room is too full; the message has the number of objects that were placed.
     """
     xy = np.empty((n, 2))
     for i in range(n):
@@ -274,7 +314,13 @@ def _bounds(room: Floats) -> tuple[Floats, Floats]:
 def walk(
     world: WaypointState, ground: Ground, motion: WaypointMotion, draws: WaypointNoise
 ) -> tuple[WaypointState, Floats, Bools]:
-    """Move all objects by as many steps as there are draws.
+    """Move n objects by C steps, as many as there are draws.
+
+    Args:
+        world: state before the first step, unchanged.
+        ground: room and walls.
+        motion: step length, noise and diameter.
+        draws: random numbers (C, n, ...).
 
     Returns:
         The world after the last step, the path (C, n, 2) with the positions after each step,

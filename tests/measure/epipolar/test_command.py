@@ -230,7 +230,7 @@ FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]
         ),
         (["--matches", "scene.csv", "--from-tracks", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "give one"),
         (["--matches", "scene.csv", "--fundamental", "scene.csv", "-o", "x.json"], ExitCode.USAGE, "give one"),
-        (["--scene", "scene.yaml", "-o", "x.mcap"], ExitCode.USAGE, "name the one that is to hold"),
+        (["--scene", "scene.yaml", "-o", "x.mcap"], ExitCode.USAGE, "give RECORDING"),
         (["--scene", "scene.yaml", "-o", "x.json", "--cameras", "a,z"], ExitCode.USAGE, "names no pair of views"),
         (
             ["--matches", "scene.csv", "-o", "x.json", "--inlier-threshold", "inf"],

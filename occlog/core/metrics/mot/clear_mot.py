@@ -155,7 +155,7 @@ class ClearCounts:
     """Accumulates CLEAR-MOT counts over frames in the order of time."""
 
     def __init__(self, targets: int) -> None:
-        """Start without frames; number of all targets."""
+        """Start without frames; `targets` is the number of all targets."""
         self._objects = self._estimates = self._tp = self._switches = 0
         self._distance, self._similarity = Sum(), Sum()
         self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)
@@ -192,7 +192,7 @@ class ClearCounts:
         self._stretches = np.concatenate([self._stretches, other._stretches])
 
     def result(self) -> ClearMot:
-        """CLEAR-MOT figures of all frames."""
+        """CLEAR-MOT figures over all frames added."""
         n, m, tp = self._objects, self._estimates, self._tp
         known = self._life > 0
         # Share of each target's frames in which it is paired

@@ -54,7 +54,7 @@ class FailureRates(NamedTuple):
     fr_l: float
 
     def causes(self, unit: str = "px") -> list[str]:
-        """Cause of each failure, as text."""
+        """Cause of each failure, as text with distances in `unit`."""
         rows = zip(*(column.tolist() for column in (self.label, self.other, self.away, self.elsewhere)), strict=True)
         return [_cause(label, other, away, elsewhere, unit) for label, other, away, elsewhere in rows]
 
@@ -136,7 +136,12 @@ def _match_frame(frames: MatchedFrames, reach: Floats, assigned: Ints) -> _Frame
 
 
 def _failures(frames: MatchedFrames, matches: _FrameMatches) -> FailureRates:
-    """Failures of both kinds as rows, and their numbers divided by the number of true rows."""
+    """Return position and label failures as rows, and their numbers divided by the number of true rows.
+
+    Args:
+        frames: true rows and rows of trackers, by frame.
+        matches: which tracker is on which target.
+    """
     # Targets that a tracker is on
     found = np.zeros(len(frames.truth), dtype=np.bool_)
     found[matches.on[matches.on >= 0]] = True

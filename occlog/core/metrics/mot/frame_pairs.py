@@ -79,7 +79,7 @@ class MatchedFrames(NamedTuple):
     limit: float
 
     def meeting(self) -> list[int]:
-        """Frames with rows on both sides."""
+        """Indices of the frames with rows on both sides, truth and tracks."""
         return [int(t) for t in np.flatnonzero(np.diff(self.truth_start) * np.diff(self.track_start))]
 
     def rows(self, t: int) -> tuple[slice, slice]:
@@ -104,6 +104,11 @@ def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
     """Round distances to the precision of the positions.
 
     Distances of 0.3 to 0.8 and of 1000.3 to 1000.8 differ in the last bits, but must be on the same side of a limit.
+
+    Args:
+        distance: (n, m) distances.
+        a: (n, d) positions from which they were computed.
+        b: (m, d) the other positions.
     """
     largest = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))
     if not largest:
@@ -132,7 +137,7 @@ def numbered(part: MatchedFrames, truth_key: Ints, track_key: Ints) -> MatchedFr
 
 
 def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
-    """Create frames of boxes (n, 4): left, top, width, height.
+    """Return the frames of true boxes and tracked boxes, (n, 4): left, top, width, height.
 
     Raises:
         ValueError: a position is not finite or no box, a label comes twice in a frame of a view, or
@@ -207,7 +212,12 @@ def _views(side: Objects) -> Ints:
 
 
 def _numbered(first: Ints, second: Ints) -> tuple[Ints, Ints]:
-    """Distinct pairs (n, 2) of two columns, sorted, and the index of each row's pair."""
+    """Distinct pairs (K, 2) of two columns, sorted, and the index (n,) of each row's pair.
+
+    Args:
+        first: (n,) first column, by which pairs are sorted first.
+        second: (n,) second column.
+    """
     a, at_a = np.unique(first, return_inverse=True)
     b, at_b = np.unique(second, return_inverse=True)
     codes, number = np.unique(at_a * max(len(b), 1) + at_b, return_inverse=True)
@@ -216,7 +226,16 @@ def _numbered(first: Ints, second: Ints) -> tuple[Ints, Ints]:
 
 
 def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, Ints]:
-    """Rows of one side sorted by frame and label, and the first row of each frame."""
+    """Rows (n,) of one side sorted by frame and label, and the first sorted row of each frame (cells + 1,).
+
+    ValueError if a label comes twice in a frame.
+
+    Args:
+        side: truth or tracks, of n rows.
+        cell: (n,) index of each row's frame and view.
+        number: (n,) index of its label.
+        cells: number of frames and views.
+    """
     order = np.lexsort((number, cell))
     same = (np.diff(cell[order]) == 0) & (np.diff(number[order]) == 0)
     if same.any():
@@ -227,7 +246,10 @@ def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, 
 
 @kernel
 def _overlaps(a: Floats, b: Floats) -> Floats:
-    """(n, m) intersection over union of boxes (n, 4) and (m, 4), as loops: fast for few boxes."""
+    """(n, m) intersection over union of boxes `a` (n, 4) and `b` (m, 4): left, top, width, height.
+
+    As loops: fast for few boxes.
+    """
     out = np.zeros((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):
@@ -242,7 +264,7 @@ def _overlaps(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def _distances(a: Floats, b: Floats) -> Floats:
-    """(n, m) Euclidean distances of points (n, d) and (m, d)."""
+    """(n, m) Euclidean distances of points `a` (n, d) and `b` (m, d)."""
     out = np.zeros((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):
@@ -280,12 +302,12 @@ class TargetTrackSums:
         self._waiting = 0
 
     def add(self, target: Ints, track: Ints, values: Floats) -> None:
-        """Add values to couples, each of which occurs once.
+        """Add values to the sums of couples, each of which occurs once.
 
         Args:
             target: (n,) numbers of targets.
             track: (n,) numbers of tracks.
-            values: (sums, n).
+            values: (sums, n) addends, by sum and couple.
         """
         if self._matrix is not None:
             self._matrix[:, target, track] += values
@@ -297,7 +319,7 @@ class TargetTrackSums:
             self._settle()
 
     def at(self, target: Ints, track: Ints) -> Floats:
-        """(sums, n) values of couples; 0 if nothing was added."""
+        """(sums, n) values of the couples of `target` (n,) and `track` (n,), both indices; 0 if nothing was added."""
         if self._matrix is not None:
             return np.asarray(self._matrix[:, target, track])
         self._settle()

@@ -69,33 +69,33 @@ def _ratio(part: Floats, whole: Floats) -> Floats:
 
 
 def mota(sums: Floats) -> Floats:
-    """Return MOTA: 1 - (missed + false + switches) / objects."""
+    """(...) MOTA, 1 - (missed + false + switches) / objects, of `sums` (..., SIZE); NaN without objects."""
     objects, paired = _of(sums, "objects"), _of(sums, "paired")
     return 1.0 - _ratio(objects + _of(sums, "estimates") - 2 * paired + _of(sums, "switches"), objects)
 
 
 def idf1(sums: Floats) -> Floats:
-    """Return IDF1: 2 IDTP / (objects + estimates)."""
+    """(...) IDF1, 2 IDTP / (objects + estimates), of `sums` (..., SIZE); NaN without either."""
     return _ratio(2 * _of(sums, "idtp"), _of(sums, "objects") + _of(sums, "estimates"))
 
 
 def recall(sums: Floats) -> Floats:
-    """Return the recall: matched pairs over true objects."""
+    """(...) recall, matched pairs over true objects, of `sums` (..., SIZE); NaN without objects."""
     return _ratio(_of(sums, "paired"), _of(sums, "objects"))
 
 
 def precision(sums: Floats) -> Floats:
-    """Return the precision: matched pairs over estimates."""
+    """(...) precision, matched pairs over estimates, of `sums` (..., SIZE); NaN without estimates."""
     return _ratio(_of(sums, "paired"), _of(sums, "estimates"))
 
 
 def matched_rmse(sums: Floats) -> Floats:
-    """Root mean square distance of the pairs of each frame alone."""
+    """(...) root mean square distance of the pairs of each frame alone, of `sums` (..., SIZE); NaN without pairs."""
     return np.asarray(np.sqrt(_ratio(np.maximum(_of(sums, "squares"), 0), _of(sums, "near"))))
 
 
 def hota_of(sums: Floats) -> Floats:
-    """Mean over thresholds of sqrt(sum of associations / (TP + FN + FP))."""
+    """(...) HOTA of `sums` (..., SIZE): mean over thresholds of sqrt(sum of associations / (TP + FN + FP))."""
     first = len(COUNTS)
     both = (_of(sums, "objects") + _of(sums, "estimates"))[..., None]
     pairs, belonging = sums[..., first : first + A], sums[..., first + A : first + 2 * A]

@@ -63,17 +63,17 @@ class GospaSums:
     """Accumulates GOSPA over parts of a recording."""
 
     def __init__(self, p: float) -> None:
-        """Start without frames; p is the exponent."""
+        """Start without frames; p is the exponent (order) of the metric."""
         self._p = p
         self._sums = {name: Sum() for name in ("gospa", "localisation", "missed", "false")}
 
     def update(self, part: Gospa) -> None:
-        """Add the GOSPA of frames."""
+        """Add the GOSPA of the frames of a part."""
         for name, found in self._sums.items():
             found.add(float(np.sum(getattr(part, name))))
 
     def merge(self, other: GospaSums) -> None:
-        """Add another recording."""
+        """Add the sums of another recording."""
         for name, found in self._sums.items():
             found.merge(other._sums[name])
 
@@ -194,7 +194,17 @@ class Ospa2Sums:
     """Accumulates OSPA(2): numbers of frames of each trajectory and pair, and their summed distances."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float) -> None:
-        """Start without frames; numbers of all targets and tracks. ValueError for an option outside its range."""
+        """Start without frames.
+
+        Args:
+            targets: number of all targets.
+            tracks: number of all tracks.
+            cutoff: distance of a target and a track that are not matched, > 0.
+            p: order of the metric, >= 1.
+
+        Raises:
+            ValueError: the cutoff or p is outside its range.
+        """
         if not (0 < cutoff < np.inf and 1 <= p < np.inf):
             raise ValueError(f"cutoff {cutoff:g} must be above 0, p {p:g} at least 1")
         self._cutoff, self._p = cutoff, p
@@ -208,7 +218,10 @@ class Ospa2Sums:
             self.count(self.seen(frames, t), 1)
 
     def seen(self, frames: MatchedFrames, t: int) -> _FrameCounts:
-        """Target and track numbers of frame t, and p-th powers of their cut-off distances, as `count` adds them."""
+        """Target and track numbers of frame t, and p-th powers of their distances, cut off at the cutoff.
+
+        The input of `count`.
+        """
         left, right = frames.rows(t)
         truth, track, distance = frames.truth[left], frames.track[right], np.zeros((0, 0))
         if len(truth) and len(track):
@@ -216,7 +229,7 @@ class Ospa2Sums:
         return _FrameCounts(int(frames.frame[t]), truth, track, distance)
 
     def count(self, seen: _FrameCounts, sign: int) -> None:
-        """Add (sign 1) or subtract (sign -1) a frame."""
+        """Add (sign 1) or subtract (sign -1) a frame, as `seen` returns it."""
         # No label comes twice in a frame, so nothing is added to twice.
         self._truth[seen.truth] += sign
         self._track[seen.track] += sign
@@ -255,7 +268,18 @@ class Ospa2Windows:
     """OSPA(2) over sliding windows of a number of frames, over a stream."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float, window: int) -> None:
-        """Start without frames; numbers of all targets and tracks. ValueError for an option outside its range."""
+        """Start without frames.
+
+        Args:
+            targets: number of all targets.
+            tracks: number of all tracks.
+            cutoff: distance of a target and a track that are not matched, > 0.
+            p: order of the metric, >= 1.
+            window: number of frames in a window.
+
+        Raises:
+            ValueError: the cutoff or p is outside its range.
+        """
         self._sums, self._window = Ospa2Sums(targets, tracks, cutoff, p), window
         self._within: deque[_FrameCounts] = deque()
 

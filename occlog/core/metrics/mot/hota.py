@@ -88,7 +88,10 @@ class Alignment:
         self.length += np.bincount(frames.track, minlength=len(self.length))
 
     def of(self, target: Ints, track: Ints) -> Floats:
-        """(n,) alignment scores of couples over all frames, 0 to 1: shared rows over rows of either."""
+        """(n,) global alignment scores, 0 to 1, of the couples of `target` (n,) and `track` (n,), both indices.
+
+        The sum of what `update` adds for the couple, divided by the rows of both less this sum.
+        """
         (met,) = self._met.at(target, track)
         either = self.life[target] + self.length[track] - met
         return np.asarray(met / np.where(either > 0, either, 1.0))
@@ -113,7 +116,7 @@ class HotaCounts:
         self._similarity = [Sum() for _ in alphas]
 
     def update(self, frames: MatchedFrames) -> None:
-        """Add frames."""
+        """Add frames; their targets and tracks are numbered as in the alignment."""
         _, target, track, similarity = _assigned(frames, self._known)
         couple = target * max(len(self._known.length), 1) + track
         both = np.union1d(self._couples, couple)
@@ -146,7 +149,7 @@ class HotaCounts:
         self._known.length = np.concatenate([mine.length, its.length])
 
     def result(self) -> Hota:
-        """The figures of all frames."""
+        """HOTA and its parts over all frames, at each threshold."""
         alphas, tracks = self._alphas, max(len(self._known.length), 1)
         life, length = self._known.life[self._couples // tracks], self._known.length[self._couples % tracks]
         tp, loc_a = self._tpa.sum(axis=0), np.ones(len(alphas))
@@ -197,7 +200,7 @@ def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, 
         alphas: (A,) thresholds of similarity in (0, 1).
 
     Returns:
-        (n,) position of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
+        (n,) index of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
         FPA) there, 0 where it is none.
     """
     frame, couple, life, length, similarity = _paired(frames)

@@ -40,7 +40,7 @@ class TrajectoryPairs(NamedTuple):
     cost: Floats  # distance^p, below c^p
 
     def take(self, rows: Ints | Bools) -> TrajectoryPairs:
-        """Select pairs by a mask or indices."""
+        """Select pairs by a mask or by indices `rows`; the given ones are not changed."""
         return TrajectoryPairs._make(column[rows] for column in self)
 
     def joined(self, more: TrajectoryPairs) -> TrajectoryPairs:
@@ -85,7 +85,7 @@ class TrajectoryPieces(NamedTuple):
     kind: Ints
 
     def take(self, rows: Ints | Bools) -> TrajectoryPieces:
-        """Select pairs by a mask or indices."""
+        """Select pieces by a mask or indices."""
         return TrajectoryPieces._make(column[rows] for column in self)
 
     def blocks(self) -> Iterator[Ints]:
@@ -121,12 +121,15 @@ class FixedPairs(NamedTuple):
 
     @classmethod
     def of(cls, truth: Ints, track: Ints, first: Ints, last: Ints) -> FixedPairs:
-        """Create segments that have not been processed yet."""
+        """Create segments of pairs with `before` and `behind` False; all arguments are (n,), see the attributes."""
         no = np.zeros(len(truth), dtype=np.bool_)
         return cls(truth, track, first, last, no, no.copy())
 
     def by(self, key: Ints) -> dict[int, Ints]:
-        """Indices of the segments of each target (or track), in the order of time."""
+        """Indices of the segments of each target (or track), in the order of time.
+
+        `key` (n,) is the target (or track) of each segment.
+        """
         order = np.lexsort((self.first, key))
         who, start = np.unique(key[order], return_index=True)
         return dict(zip(who.tolist(), np.split(order, start)[1:], strict=True))
@@ -143,7 +146,7 @@ class FixedStretches(NamedTuple):
     gained: Floats  # (n,) what the run of rows of the pair has gained, this row included
 
     def pins(self, pairs: TrajectoryPairs) -> FixedPairs:
-        """Convert the segments from rows to times."""
+        """Return the segments with targets, tracks and frames in place of rows of `pairs`."""
         return FixedPairs.of(
             pairs.truth[self.first], pairs.track[self.first], pairs.time[self.first], pairs.time[self.last]
         )
@@ -244,7 +247,7 @@ _BITS = 31
 
 
 def _code(truth: Ints, track: Ints) -> Ints:
-    """One integer for a pair, sorted like the pairs."""
+    """(n,) integers that stand for pairs (truth, track), each (n,), and sort like them."""
     return (truth << _BITS) | track
 
 
@@ -343,7 +346,12 @@ def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch:
 
 
 def _capacity(program: _Program, pieces: TrajectoryPieces) -> csr_array:
-    """(R, n) constraint matrix: weights of a target, or of a track, in one frame sum to at most 1."""
+    """(R, n) sparse matrix of the constraints that weights of a target, or of a track, in one frame sum to at most 1.
+
+    Args:
+        program: the n unknowns (weights).
+        pieces: the pieces of pairs that they belong to.
+    """
     rows: list[Ints] = []
     begins = np.searchsorted(program.piece, np.arange(len(pieces.truth) + 1))
     for side in (pieces.truth, pieces.track):
@@ -524,7 +532,12 @@ class TrajectoryCosts:
         self._forget(pieces, done)
 
     def _forget(self, pieces: TrajectoryPieces, done: Bools) -> None:
-        """Drop fixed segments that are processed and delimit no unprocessed piece."""
+        """Drop fixed segments that are processed and delimit no unprocessed piece; updates the segments.
+
+        Args:
+            pieces: all pieces of this part.
+            done: (n,) pieces that have been processed.
+        """
         pins = self._pins
         pins.behind[pieces.pin_before[done & (pieces.pin_before >= 0)]] = True
         pins.before[pieces.pin_behind[done & (pieces.pin_behind >= 0)]] = True
@@ -564,7 +577,14 @@ def trajectory_gospa(frames: MatchedFrames, cutoff: float, switch: float, p: flo
 
 
 def rows_within_cutoff(frames: MatchedFrames, cutoff: float, p: float, first: int = 0) -> TrajectoryPairs:
-    """Rows of pairs within the cutoff; `first` is the number of frames before these."""
+    """Rows of pairs closer than the cutoff, sorted by target, track and frame.
+
+    Args:
+        frames: truth and tracks.
+        cutoff: of the distance.
+        p: the cost of a row is the distance to this power.
+        first: number of frames before these.
+    """
     none = np.zeros(0, dtype=np.int64)
     found = [(none, none, none, np.zeros(0))]
     for t in frames.meeting():

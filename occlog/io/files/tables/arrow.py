@@ -107,7 +107,10 @@ def statements(provenance: Provenance, length_unit: str) -> dict[str, str]:
 
 
 def check_statements(path: Path, entries: Mapping[bytes, bytes]) -> None:
-    """InputError if length unit and provenance do not match their check sum; files of older versions have none."""
+    """InputError if length unit and provenance do not match their check sum; files of older versions have none.
+
+    `entries` is the metadata of the file's schema.
+    """
     if (stated := entries.get(SUM_KEY.encode())) is not None:
         unit, provenance = (entries.get(key.encode(), b"") for key in (UNIT_KEY, PROVENANCE_KEY))
         if stated.decode(errors="replace") != _sum(unit, provenance):
@@ -166,7 +169,10 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
 
 
 def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
-    """(n, K) numbers of list columns, each with K numbers or empty (NaN)."""
+    """(n, K) numbers of a list column with n rows, each with K numbers or empty (NaN); InputError for other lists.
+
+    `c` is the column, `values` are its lists.
+    """
     lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
     (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
     if others or numbers.null_count:

@@ -179,7 +179,10 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
 
 
 def _check_beside(held: T | None, chunk: T) -> T:
-    """Check for duplicate rows of one time across chunks; return the rows of the last time for the next call."""
+    """Check for duplicate rows of one time across chunks; return the rows of the last time for the next call.
+
+    `held` are those that the call for the chunk before returned; None: there was none.
+    """
     times: Ints = chunk.t_ns  # type: ignore[attr-defined]
     last = chunk.take(slice(int(np.searchsorted(times, times[-1])), None))
     if held is None or held.t_ns[0] != times[0]:  # type: ignore[attr-defined]
@@ -247,7 +250,7 @@ def groups_of(path: Path, tables: Mapping[str, type[ColumnTable]]) -> Iterator[R
 
 
 def read_table(path: Path, table: type[T]) -> T:
-    """Read the whole table."""
+    """Read a whole Parquet table into memory; errors as of `iter_table`."""
     return table.concat(iter_table(path, table))
 
 
@@ -293,7 +296,7 @@ def _unit(entries: Mapping[bytes, bytes]) -> str:
 
 
 class TableDescription(TypedDict):
-    """Description of a Parquet file."""
+    """What a Parquet file states about its table."""
 
     schema: str  # name of the table
     version: int  # of the schema; 0: not stated

@@ -66,7 +66,7 @@ class CompactReader:
     """
 
     def __init__(self, data: bytes, left: int) -> None:
-        """Start at the first byte; `left` limits the bytes that are decoded."""
+        """Start at the first byte of `data`; `left` limits the bytes that are decoded, without those of texts."""
         self.data, self.at, self.left = data, 0, left
 
     def fields(self) -> Iterator[tuple[int, int]]:
@@ -83,7 +83,7 @@ class CompactReader:
             yield number, head & 15
 
     def integer(self, kind: int, expected: int = I64) -> int:
-        """An integer; MalformedError where the field has another type."""
+        """Read an integer in a field of type `kind`; MalformedError where another type is `expected`."""
         if kind != expected:
             raise MalformedError("a field of another type where a number is expected")
         return self._zigzag()
@@ -103,7 +103,7 @@ class CompactReader:
         return self.data[self.at - size : self.at].decode(errors="replace")
 
     def skip(self, kind: int, depth: int = 0, *, in_list: bool = False) -> None:
-        """Skip a value."""
+        """Skip a value of type `kind`, at a depth of nesting; in lists booleans take a byte."""
         if depth > MAX_DEPTH:
             raise MalformedError("values nested too deeply")
         if kind in (I16, I32, I64):
@@ -198,7 +198,10 @@ def read_groups(path: Path, file: IO[bytes], size: int) -> list[RowGroupSizes]:
 
 
 def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
-    """Parse the row groups of a footer; None if the file is encrypted."""
+    """Parse the row groups of the footer of a file of `size` bytes; None if the file is encrypted.
+
+    MalformedError if it is invalid, or has too many columns.
+    """
     reader, groups, rows = CompactReader(footer, FREE_STEPS + size // BYTES_PER_STEP), list[RowGroupSizes](), -1
     left, room = FREE_CHUNKS + size // BYTES_PER_CHUNK, size
     for number, kind in reader.fields():
@@ -279,7 +282,7 @@ class Page(NamedTuple):
 
 
 def read_page(data: bytes) -> Page:
-    """Parse the page header at the first byte; MalformedError if invalid."""
+    """Parse the page header at the first byte of `data`; MalformedError if invalid."""
     reader, found, values = CompactReader(data, len(data)), dict[int, int](), 0
     for number, kind in reader.fields():
         if number in (PAGE_UNPACKED, PAGE_PACKED):
@@ -330,13 +333,19 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
         return table
 
     def _check_rows(self, rows: int, numbers: Collection[int]) -> None:
-        """ArrowInvalid unless row groups returned all their rows (on some damage the library ends early, silently)."""
+        """ArrowInvalid unless the row groups `numbers` have returned all their rows.
+
+        On some damage the library ends early, silently; `rows` is the number that it returned.
+        """
         stated = sum(self._groups[number].rows for number in numbers)
         if rows != stated:
             raise pa.ArrowInvalid(f"{stated} rows are stated, and {rows} can be read")
 
     def _check(self, number: int, columns: Collection[str] | None) -> None:
-        """InputError if row groups so far decompress to more than a file of this size can hold."""
+        """InputError if row groups so far decompress to more than a file of this size can hold.
+
+        `number` is that of the row group which is read next, `columns` those that are read; None: all.
+        """
         wanted = None if columns is None else frozenset(columns)
         if (wanted, number) in self._checked:
             return

@@ -41,7 +41,15 @@ class TableWriter:
     ) -> None:
         """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced.
 
-        With `together` the file appears at its end.  UsageError for a name that promises another format.
+        UsageError for a name that promises another format.
+
+        Args:
+            path: of the file.
+            table: type of the table.
+            provenance: stored with it.
+            overwrite: replace an existing file.
+            length_unit: of its lengths.
+            together: group at the end of which the file appears; None: at the end of the context.
         """
         check_output_name(path, TABLE)
         self.rows = 0
@@ -99,7 +107,10 @@ class TableWriter:
         return self._output.__exit__(kind, error, trace)
 
     def _close(self, abandon: bool) -> None:
-        """Close the library's writer, so that an abandoned one is not finalised by garbage collection."""
+        """Close the library's writer, so that an abandoned one is not finalised by garbage collection.
+
+        `abandon`: errors are ignored, since the file is deleted.
+        """
         if self._writer is None:
             return
         try:
@@ -113,6 +124,6 @@ class TableWriter:
 def write_table(
     path: Path, table: ColumnTable, provenance: Provenance, *, overwrite: bool = False, length_unit: str = "m"
 ) -> None:
-    """Write a whole table, sorted by its key."""
+    """Write a whole table, sorted by its key; OutputExistsError if the file exists and `overwrite` is False."""
     with TableWriter(path, type(table), provenance, overwrite=overwrite, length_unit=length_unit) as writer:
         writer.write(table.sorted())

@@ -38,12 +38,12 @@ class NamedReader:
     """The reader that the user names, and whether it was used for a file."""
 
     def __init__(self, chosen: Chosen) -> None:
-        """Start without files."""
+        """Wrap the reader that the user names, which was not used so far."""
         self.chosen, self.used = chosen, False
 
     @property
     def endings(self) -> tuple[str, ...]:
-        """File suffixes of the reader."""
+        """Suffixes of the files that the reader reads."""
         return tuple(self.chosen.plugin.load().endings)
 
     def check_used(self) -> None:
@@ -61,7 +61,10 @@ _NAMED: ContextVar[NamedReader | None] = ContextVar("NAMED_READER", default=None
 
 @contextmanager
 def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
-    """Context manager that selects a reader for files opened within."""
+    """Context manager that reads files with the suffixes of a reader plug-in, and standard input, by this reader.
+
+    Yields the `NamedReader`, which records whether it was used. Other files are read as usual.
+    """
     named = NamedReader(chosen)
     token = _NAMED.set(named)
     try:
@@ -105,7 +108,9 @@ def table_of(path: Path) -> str:
 
 
 def text_of(path: Path, what: str) -> str | None:
-    """Convert a file to text with a header line; None if no reader reads it.
+    """Convert a file to text with a header line, by a reader plug-in; None if no reader reads it.
+
+    `what` describes what was expected.
 
     Raises:
         InputError: the reader states that the file is damaged.
@@ -122,14 +127,24 @@ def text_of(path: Path, what: str) -> str | None:
 
 @lru_cache(maxsize=4)
 def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
-    """Cached text of a file in a state (size and time of modification)."""
+    """Text with a header line of the file `path`, by a reader plug-in; the four latest texts are cached.
+
+    Args:
+        plugin: the reader.
+        values: names and values of its settings.
+        path: the file.
+        state: time of modification [ns] and size [bytes]; only part of the key of the cache.
+    """
     columns = columns_of(Chosen(plugin, dict(values)), path)
     with plugin_errors(plugin):
         return as_text(columns)
 
 
 def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
-    """Columns that a reader finds in a file; errors as in `text_of`."""
+    """Columns of a file, by name, that the reader plug-in `chosen` returns, all of one length.
+
+    Errors are those of `text_of`.
+    """
     reader: Reader = chosen.make(UNIT)
     label = f"{path}: "
     with plugin_errors(chosen.plugin):
@@ -145,7 +160,7 @@ def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
 
 
 def fault_of(columns: object) -> str | None:
-    """Description of what is wrong with a reader's result; None if it is valid."""
+    """Description of what is wrong with the columns that a reader plug-in returns; None if they are valid."""
     if not isinstance(columns, Mapping):
         return f"read gives a {type(columns).__name__}; a mapping of names to columns was expected"
     if not columns:

@@ -84,7 +84,7 @@ BAD_LINES: ContextVar[Callable[[InputError], None] | None] = ContextVar("BAD_LIN
 
 @contextmanager
 def report_bad_lines_to(listener: Callable[[InputError], None]) -> Iterator[None]:
-    """Context manager that reports malformed lines to a callback, and continues reading."""
+    """Context manager that reports malformed lines to `listener`, and continues reading."""
     token = BAD_LINES.set(listener)
     try:
         yield
@@ -117,7 +117,7 @@ class CsvRows:
         return len(self.lines)
 
     def pick(self, kept: Ints) -> CsvRows:
-        """The rows of an index array."""
+        """Select rows by indices `kept`."""
         return replace(
             self,
             lines=self.lines[kept],
@@ -147,7 +147,10 @@ class CsvRows:
         return values
 
     def _no_number(self, name: str, row: int, wanted: str) -> InputError:
-        """InputError for a cell that is not a number."""
+        """Return the InputError for a cell that is not a number.
+
+        It is that of column `name` and row `row`; `wanted` describes what was expected.
+        """
         cell = str(self.cells[name][row]).strip()
         if cell.lower() in MISSING:
             return self.fail(row, f"{name} is missing ({cell!r}); remove this {self.location}, or give the value")
@@ -163,7 +166,10 @@ class CsvRows:
         return out
 
     def lengths(self, name: str, *, blank: bool = False) -> Floats:
-        """(n,) lengths, parsed as by `floats`; InputError for one rounded to less than the precision `COARSEST`."""
+        """(n,) lengths of the column `name`; InputError for one rounded to less than the precision `COARSEST`.
+
+        `blank`: empty cells are NaN rather than an error.
+        """
         values, steps = self.floats(name, blank=blank), self.steps(name)
         if (steps > COARSEST).any():
             row = int(np.flatnonzero(steps > COARSEST)[0])
@@ -190,7 +196,10 @@ class CsvRows:
         return values.astype(np.int64)
 
     def identities(self, name: str, *, least: int = -(2**31), blank: int | None = None) -> Ints:
-        """(n,) identities from `least` to 2**31 - 1; InputError for others."""
+        """(n,) identities of the column `name`, from `least` to 2**31 - 1; InputError for others.
+
+        `blank` is the value of empty cells; None: they are an error.
+        """
         values = self.ints(name, blank)
         bad = (values < least) | (values >= 2**31)
         if bad.any():
@@ -277,7 +286,10 @@ def read_rows(
 
 
 def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generator[CsvRows, None, None]:
-    """Read chunks of a text table without a header; columns are named `0`, `1`, ... by position."""
+    """Generate chunks of a text table without a header; columns are named `0`, `1`, ... by position.
+
+    `what` describes what was expected, `rows` is the number of rows in a chunk.
+    """
     with _open_text(path, what) as file:
         lines = _split(path, file)
         first = next(lines, None)
@@ -288,7 +300,7 @@ def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Generato
 
 
 def first_line(path: Path, what: str) -> list[str]:
-    """Cells of the first line that is not empty or a comment."""
+    """Cells of the first line that is not empty or a comment; `what` describes what was expected."""
     with _open_text(path, what) as file:
         return next(_split(path, file), (0, []))[1]
 
@@ -308,7 +320,7 @@ def commented_header(path: Path, what: str) -> list[str]:
 
 
 def is_header(cells: Sequence[str]) -> bool:
-    """Whether a line names columns, i.e. has a cell that is not a number."""
+    """Whether the cells of a line name columns, i.e. one of them is not a number."""
     return any(not _NUMBER.match(cell) for cell in cells)
 
 
@@ -355,7 +367,10 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
 
 
 def _split(path: Path, file: TextIO, *, commented: bool = False) -> Iterator[tuple[int, list[str]]]:
-    """Generate (line number, cells) of every data line, and of a first line that begins with `#` if `commented`."""
+    """Generate (line number, cells) of every data line, and of a first line that begins with `#` if `commented`.
+
+    A repeated header is left out.
+    """
     reader = None
     header: list[str] = []
     number = width = 0
@@ -434,7 +449,16 @@ def _resolve(
     ignored: Sequence[str],
     ignore_extra: bool,
 ) -> list[str | None]:
-    """Name, in occlog, of each column of a file; None for unused columns."""
+    """Name, in occlog, of each column of a file; None for unused columns. InputError for an unknown or repeated column.
+
+    Args:
+        path: of the file.
+        line: number of the header's line.
+        header: its cells.
+        columns: accepted names of each column.
+        ignored: names of columns that are not used.
+        ignore_extra: so are all unknown ones.
+    """
     meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
     names: list[str | None] = []
     for cell in header:
@@ -473,7 +497,15 @@ def _chunks(
 
 
 def _is_row(path: Path, location: str, line: int, cells: list[str], columns: int) -> bool:
-    """Whether a line has a cell of acceptable length for each column; if not, it is reported as an error."""
+    """Whether a line has a cell of acceptable length for each column; if not, it is reported as an error.
+
+    Args:
+        path: of the file.
+        location: what a line is called in messages.
+        line: its number.
+        cells: its cells.
+        columns: number of columns.
+    """
     fault = ""
     if len(cells) != columns:
         fault = f"{len(cells)} cells, but the first line has {columns}"

@@ -33,7 +33,13 @@ FREE_VALUES, BYTES_PER_VALUE = 1_000_000, 12
 
 
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
-    """Write one JSON object; NaN and infinity become null."""
+    """Write one JSON object atomically; NaN and infinity become null.
+
+    Args:
+        path: file.
+        values: by key; keys are sorted in the file.
+        overwrite: replace an existing file; else it is an OutputExistsError.
+    """
     text = spelled(json.dumps(_plain(values), sort_keys=True, indent=2))
     write_bytes(path, f"{text}\n".encode(), overwrite)
 
@@ -81,7 +87,7 @@ def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
 
 
 def check_number(count: int, what: str, size: int, where: Path | str) -> None:
-    """InputError for more objects (`what`) than a JSON text of `size` bytes can have."""
+    """InputError for more objects (`what`) than a JSON text of `size` bytes can have; `count` is their number."""
     most = max(FREE_VALUES, size // BYTES_PER_VALUE)
     if count > most:
         raise InputError(
@@ -133,7 +139,10 @@ _LONG_KEY = re.compile(rf"^[^=#\n]*(?:\.[^=#\n.]*){{{MAX_KEY_PARTS},}}", re.MULT
 
 
 def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
-    """The values of a TOML text; InputError for anything else."""
+    """Values of a TOML text; InputError for anything else.
+
+    `where` is its file, `what` describes what was expected.
+    """
     size = len(text.encode(errors="replace"))
     if size > MAX_TOML_BYTES:
         raise InputError(
@@ -165,7 +174,7 @@ def parse_xml(text: str, path: Path) -> Element:
 
 
 def required(parent: Element, name: str, where: str) -> Element:
-    """The child of that name; InputError if missing."""
+    """Child element of `parent` with the tag `name`; InputError if missing."""
     child = parent.find(name)
     if child is None:
         raise InputError(f"{where}: the part <{name}> is missing", id="missing-value")
@@ -173,7 +182,7 @@ def required(parent: Element, name: str, where: str) -> Element:
 
 
 def number(element: Element, name: str, where: str, default: float | None = None) -> float:
-    """Finite number in an attribute; InputError if missing (without a default) or invalid."""
+    """Finite number in the attribute `name` of an element; InputError if missing (without a default) or invalid."""
     text = element.get(name)
     if text is None:
         if default is None:

@@ -139,7 +139,7 @@ class TextFormat:
 
     @property
     def names(self) -> dict[str, Sequence[str]]:
-        """Accepted names of each column."""
+        """Accepted names of each column, times included."""
         return {**(TIME_COLUMNS if self.times else {}), **{name: c.names for name, c in self.columns.items()}}
 
 
@@ -235,17 +235,17 @@ class Probe:
 
 
 def is_folder(probe: Probe) -> bool:
-    """Recognise a folder."""
+    """Whether the input is a folder."""
     return probe.path.is_dir()
 
 
 def by_text(shows: Callable[[str], bool]) -> Callable[[Probe], bool]:
-    """Make a recogniser of a format from a test of the file's whole text."""
+    """Make a recogniser of a format from `shows`, a test of the file's whole text."""
     return lambda probe: shows(probe.text)
 
 
 def by_cells(shows: Callable[[list[str]], bool]) -> Callable[[Probe], bool]:
-    """Make a recogniser of a format from a test of the cells of the first line."""
+    """Make a recogniser of a format from `shows`, a test of the cells of the first line."""
     return lambda probe: shows(probe.cells)
 
 

@@ -47,7 +47,7 @@ if yaml.__with_libyaml__:
         """Safe loader with the parser of libyaml (six times faster), which allows counting nodes while reading."""
 
         def __init__(self, stream: str) -> None:
-            """Begin to read a text."""
+            """Begin to read a YAML text (`stream`)."""
             yaml.cyaml.CParser.__init__(self, stream)  # type: ignore[attr-defined]
             Composer.__init__(self)
             SafeConstructor.__init__(self)
@@ -61,12 +61,12 @@ class BoundedLoader(_SafeLoader):
     """Safe loader that raises an error after `MAX_NODES` values, which limits the time of parsing."""
 
     def __init__(self, stream: str) -> None:
-        """Begin to read a text."""
+        """Begin to read a YAML text (`stream`), without nodes so far."""
         super().__init__(stream)
         self._nodes = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose the next node: key, value or alias."""
+        """Compose the next node, a key, a value or an alias; _TooManyError for more than 2 `MAX_NODES` of them."""
         self._nodes += 1
         if self._nodes > 2 * MAX_NODES:
             raise _TooManyError
@@ -81,6 +81,8 @@ def _too_many(where: Path | str) -> InputError:
 
 def compose_yaml(text: str, where: Path | str, loader: type[BoundedLoader]) -> yaml.Node | None:
     """Compose the nodes of one YAML document, at most `MAX_NODES`; None for an empty one.
+
+    `where` is its file, for messages.
 
     Raises:
         yaml.YAMLError: it is not YAML.
@@ -120,7 +122,10 @@ def _check_nodes(root: yaml.Node, where: Path | str) -> None:
 
 
 def _check_scalar(node: yaml.ScalarNode, where: Path | str) -> None:
-    """InputError for a lone surrogate, and for a number with too many digits."""
+    """Check the text of a YAML scalar; InputError for a lone surrogate, or a number that is too long.
+
+    At most `LONGEST_NUMBER` characters are allowed. `where` is the file, for messages.
+    """
     location = f"{where}: line {node.start_mark.line + 1}"
     check_text(node.value, location)
     if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
@@ -145,7 +150,8 @@ for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-mat
 def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
     """Parse every document of another program's YAML text; InputError for anything else.
 
-    `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is skipped.
+    `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is skipped. `where` is the file,
+    `what` describes what was expected.
     """
     body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
     try:
@@ -176,7 +182,7 @@ class _Loader(BoundedLoader):
 
 
 def _number(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float | str:
-    """Construct a number, or a text if it has colons."""
+    """Convert a scalar that YAML takes for a number; one with colons (sexagesimal in YAML 1.1) is returned as text."""
     if ":" in node.value:
         return str(node.value)
     whole = node.tag.endswith(":int")
@@ -229,7 +235,7 @@ def read_yaml(path: Path, kind: type[T], what: str, upgrade: Upgrade | None = No
 
 
 def _refuse_binary(path: Path, what: str) -> None:
-    """InputError for a file with the first bytes of a binary format."""
+    """InputError for a file with the first bytes of a binary format; `what` describes what was expected."""
     content = content_of(path, what)
     if content is not Content.OTHER:
         raise InputError(f"{path}: is {content.value}; {what} was expected", id="wrong-content")
@@ -246,7 +252,10 @@ def lines_of(path: Path) -> dict[str, int]:
 
 
 def parse_yaml(text: str, source: str, kind: type[T], upgrade: Upgrade | None = None) -> T:
-    """Parse YAML text like `read_yaml`; `source` names it in messages."""
+    """Parse YAML text like `read_yaml`, as type `kind`; `source` names it in messages.
+
+    `upgrade` converts the values of older versions before they are checked.
+    """
     raw, lines = _values(text, source)
     if not isinstance(raw, dict):
         raise InputError(f"{source}: expected keys and values at the top level, got {type(raw).__name__}")
@@ -262,7 +271,7 @@ KEPT_TEXTS, KEPT_LENGTH = 8, 100_000
 
 
 def _values(text: str, source: str) -> tuple[Any, dict[str, int]]:
-    """Value of a YAML text, and the line of every value in it by path."""
+    """Value of a YAML text, and the line of every value in it by path; `source` names it in messages."""
     known = _KEPT.get(text)
     if known is None:
         try:
@@ -294,7 +303,7 @@ def _yaml_problem(error: yaml.YAMLError) -> str:
 
 
 def _lines(node: yaml.Node, location: str, source: str) -> Iterator[tuple[str, int]]:
-    """(path, line) of every node; repeated keys are errors."""
+    """Generate path (below `location`) and line of every node below a node; InputError for repeated keys."""
     yield location, node.start_mark.line + 1
     if isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
@@ -312,7 +321,14 @@ def _lines(node: yaml.Node, location: str, source: str) -> Iterator[tuple[str, i
 
 
 def _check_finite(raw: object, location: str, lines: dict[str, int], source: str) -> None:
-    """InputError for NaN and infinity, which YAML parses as numbers."""
+    """InputError for NaN and infinity, which YAML parses as numbers, in a value and all that it contains.
+
+    Args:
+        raw: value.
+        location: its path.
+        lines: line of each path.
+        source: name of the file.
+    """
     if isinstance(raw, float) and not math.isfinite(raw):
         line = f"line {lines[location]}: " if location in lines else ""
         raise InputError(f"{source}: {line}{location.removeprefix('$.')}: {raw} is not a finite number")
@@ -322,7 +338,14 @@ def _check_finite(raw: object, location: str, lines: dict[str, int], source: str
 
 
 def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) -> str:
-    """The library's message with line, readable path and nearest valid key."""
+    """Return msgspec's message with line, readable path and nearest valid key.
+
+    Args:
+        message: of the library.
+        raw: parsed values.
+        lines: line of each path.
+        kind: type that the values should have.
+    """
     match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
     text, location = (match.group(1), match.group(2) or "$") if match else (message, "$")
     unknown = re.search(r"unknown field `([^`]*)`", text)
@@ -350,13 +373,13 @@ def _unknown_key(key: str, location: str, lines: dict[str, int], kind: type[T]) 
 
 
 def _valid_keys(kind: type[T], location: str) -> list[str]:
-    """Keys allowed at a path."""
+    """Sorted keys allowed at the path `location` of a value of type `kind`; empty if it is no mapping."""
     info = _type_at(kind, location)
     return sorted(f.encode_name for f in info.fields) if isinstance(info, msgspec.inspect.StructType) else []
 
 
 def _type_at(kind: type[T], location: str) -> msgspec.inspect.Type:
-    """Type of the value at a path, by the declared types."""
+    """Type of the value at the path `location` of a value of type `kind`, by the declared types."""
     info = _strip(msgspec.inspect.type_info(kind))
     for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", location.removeprefix("$")):
         info = _strip(_step(info, part))
@@ -375,7 +398,7 @@ def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
 
 
 def _step(info: msgspec.inspect.Type, part: str) -> msgspec.inspect.Type:
-    """Type of a field, or of the items of a container."""
+    """Type of the field `part` of a type, or of the items of a container."""
     if part and isinstance(info, msgspec.inspect.StructType):
         for f in info.fields:
             if f.encode_name == part:

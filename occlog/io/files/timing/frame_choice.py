@@ -23,12 +23,12 @@ class FrameChoice:
         return self.common if camera is None else self.own.get(camera, self.common)
 
     def takes(self, camera: str, number: int) -> bool:
-        """Whether a frame is selected."""
+        """Whether frame `number` of a camera is selected."""
         chosen = self.of(camera)
         return chosen is None or chosen[0] <= number < chosen[1]
 
     def __bool__(self) -> bool:
-        """Whether there is a selection."""
+        """Whether any frames are selected; otherwise all are used."""
         return self.common is not None or bool(self.own)
 
     def __str__(self) -> str:

@@ -47,7 +47,7 @@ class FrameTimes:
         return None if self.table_ns is None else len(self.table_ns)
 
     def at(self, frames: Ints) -> Ints:
-        """(n,) times [ns] of frame numbers; InputError for a frame without a time."""
+        """(n,) world times [ns] of the frame numbers `frames` (n,); InputError for a frame without a time."""
         frames = np.asarray(frames, dtype=np.int64)
         if self.table_ns is not None:
             bad = (frames < 0) | (frames >= len(self.table_ns))
@@ -81,7 +81,7 @@ class FrameTimes:
         return int(np.searchsorted(self.table_ns - self.table_ns[0], elapsed_ns, side="right")) - 1
 
     def world(self, t_ns: Ints) -> Ints:
-        """World times [ns] of times of the camera's clock."""
+        """(n,) world times [ns] of times `t_ns` (n,) of the camera's clock."""
         first = 0 if self.table_ns is None or not len(self.table_ns) else int(self.table_ns[0])
         return t_ns if self.clock is None else to_world_time(t_ns, self.clock, self.start_ns + first)
 
@@ -113,13 +113,16 @@ class FrameTimes:
 
 
 def to_world_time(t_ns: Ints, clock: Clock, start_ns: int) -> Ints:
-    """World time from sensor time: t - offset - drift (t - start); `start_ns` is the sensor's first time."""
+    """(n,) world times [ns] of sensor times t (n,): t - offset - drift (t - start).
+
+    `start_ns` is the sensor's first time.
+    """
     drift = np.round((t_ns - start_ns) * (clock.drift_ppm * 1e-6)).astype(np.int64)
     return np.asarray(t_ns - clock.offset_ns - drift, dtype=np.int64)
 
 
 def frames_to_ns(frames: Ints, rate: Fraction) -> Ints:
-    """(n,) times [ns] after frame 0, rounded, without the error of a float frame rate.
+    """(n,) times [ns] of frame numbers (n,) after frame 0, rounded, without the error of a float frame rate.
 
     InputError for a frame that would lie more than 285 years away.
     """
@@ -156,5 +159,10 @@ def as_rate(fps: float | str) -> Fraction:
 
 
 def _is_written(rate: float, value: float) -> bool:
-    """Whether a value is a rate rounded to two or three decimals, or written with many."""
+    """Whether a frame rate may be meant by a value that is rounded to two or three decimals, or exact to 1e-6.
+
+    Args:
+        rate: the frame rate, such as 30000 / 1001.
+        value: as it is stated.
+    """
     return value in (round(rate, 2), round(rate, 3)) or abs(value - rate) <= 1e-6 * rate

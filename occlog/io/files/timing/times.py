@@ -114,7 +114,7 @@ def _fault(text: str) -> str:
 
 
 def coarse(ns: float) -> str:
-    """Description of the precision of times with limited digits."""
+    """Text, for messages, about times that are known to `ns` only."""
     return f"known to {ns * 1e-9:g} s only, and 1 ms is the limit"
 
 
@@ -134,7 +134,7 @@ def _iso_ns(iso: re.Match[str], text: str) -> int:
 
 
 def unit_by_size(largest: float) -> str:
-    """Infer the unit of a time since 1970: s, ms, us or ns, so that the year is 1973 to 5138.
+    """Infer the unit of times since 1970 by the largest: s, ms, us or ns, so that the year is 1973 to 5138.
 
     Each is a thousand times the other, so that a time of these years has one unit only.
     """
@@ -210,7 +210,10 @@ def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], Inp
 
 
 def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
-    """Parse a column to (n,) times [ns]; InputError with the line."""
+    """Parse the column `name` to (n,) times [ns]; InputError with the line.
+
+    `unit` is that of its numbers.
+    """
     if unit == "ns":
         t_ns = rows.ints(name)
         far = np.flatnonzero((t_ns > MAX_NS) | (t_ns < -MAX_NS))
@@ -378,7 +381,13 @@ def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: S
 
 
 def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
-    """Times by frame number; InputError unless times increase strictly and frames, if given, are 0, 1, ..."""
+    """Return the times by frame number; InputError unless they increase strictly and frames, if given, are 0, 1, ...
+
+    Args:
+        rows: of the file.
+        t_ns: (n,) times of the picked rows [ns].
+        picked: (n,) indices of these rows.
+    """
     if rows.has("frame"):
         frames = rows.ints("frame")[picked]
         wrong = np.flatnonzero(frames != np.arange(len(frames)))

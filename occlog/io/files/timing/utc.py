@@ -6,7 +6,10 @@ from datetime import UTC, datetime
 
 
 def utc(t_ns: int) -> str:
-    """Write a time [ns since the Unix epoch] in ISO format to the millisecond, computed from the integer."""
+    """Time `t_ns` [ns since the Unix epoch] in ISO format to the millisecond, computed from the integer.
+
+    In ns if it is no date that can be written.
+    """
     seconds, rest = divmod(t_ns, 1_000_000_000)
     try:
         stamp = datetime.fromtimestamp(seconds, UTC)
@@ -20,7 +23,7 @@ MIN_DATE_NS = 100_000_000_000_000_000
 
 
 def time_words(t_ns: int) -> str:
-    """Write a time [ns] exactly: as date and time (UTC), or in seconds if it is below `MIN_DATE_NS`."""
+    """Time `t_ns` [ns], exactly: as date and time (UTC), or in seconds if it is below `MIN_DATE_NS`."""
     t_ns = int(t_ns)  # of NumPy, too
     if t_ns < MIN_DATE_NS:
         whole, rest = divmod(abs(t_ns), 1_000_000_000)

@@ -42,7 +42,7 @@ def is_cvat(probe: Probe) -> bool:
 
 
 def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one camera.
+    """Open the boxes of one camera in annotations of CVAT (XML).
 
     Raises:
         InputError: the camera is not named, or the file is no such XML.

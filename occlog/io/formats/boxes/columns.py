@@ -100,7 +100,10 @@ class BoxSource(NamedTuple):
 
 
 def stated_sizes(found: Iterable[tuple[str, object, object]]) -> dict[str, tuple[int, int]]:
-    """Image sizes by camera, from camera, width and height of each row; a camera with several sizes is omitted."""
+    """Image sizes (width, height) by camera; a camera with several sizes is omitted.
+
+    `found` has camera, width and height of each row.
+    """
     sizes: dict[str, set[tuple[int, int]]] = {}
     for camera, width, height in found:
         try:
@@ -116,13 +119,26 @@ def disagree(size: Floats, near: Floats, far: Floats) -> Bools:
     """(n,) mask of boxes with a size that contradicts their edges, which the file gives as well; False for NaN.
 
     Columns `width` and `height` in addition to all four edges often describe the image.
+
+    Args:
+        size: (n,) width or height [px].
+        near: (n,) left or top edge.
+        far: (n,) right or bottom edge.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(np.abs(near + size - far) > SIZE_SLACK_PX)
 
 
 def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str:
-    """Description of a box for which `disagree` is true, for a message."""
+    """Description of a box for which `disagree` is true, for a message.
+
+    Args:
+        size: name of the column with the size.
+        value: its value [px].
+        far: name of the column with the far edge.
+        edge: its cell.
+        near: near edge [px].
+    """
     return (
         f"{size} is {value:g}, but {far} is {edge} and the near edge {near:g}; is {size} of the image? Omit one "
         "of the two columns"
@@ -130,7 +146,10 @@ def both_sizes(size: str, value: float, far: str, edge: str, near: float) -> str
 
 
 def check_columns(rows: CsvRows, camera: str | None) -> CsvRows:
-    """Return the rows; InputError if a required column of boxes is missing."""
+    """Return the rows, with corners in place of centres; InputError if a required column of boxes is missing.
+
+    `camera` is that which the user states; None: the rows must name it.
+    """
     if rows.has(SHARE_X):
         return rows
     rows = _from_centres(rows)
@@ -192,7 +211,7 @@ _EDGE = re.compile(r"['\"](x1|y1|x2|y2|x3)['\"]\s*:\s*([^,}\s]+)")
 
 
 def open_csv(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open a table of boxes with a header line; it names its cameras unless the camera is stated."""
+    """Open a table of boxes with a header line; it names its cameras unless `wanted` states the camera."""
     return BoxSource(_csv(path, wanted.camera, wanted.ignore_extra), "CSV")
 
 
@@ -244,7 +263,7 @@ def _split_box(rows: CsvRows) -> CsvRows:
 
 
 def open_mot(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open MOTChallenge text."""
+    """Open MOTChallenge text, of which the camera must be stated (`wanted`); InputError if it is not."""
     if wanted.camera is None:
         raise InputError(
             f"{path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={path.name}",

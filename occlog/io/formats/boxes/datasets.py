@@ -57,7 +57,7 @@ DONT_CARE = "DontCare"
 
 
 def is_kitti(head: Sequence[str]) -> bool:
-    """Whether a first line has KITTI's columns: numbers, except for the type."""
+    """Whether the cells of a first line (`head`) are KITTI's columns: numbers, except for the type."""
     if len(head) not in (COLUMNS, COLUMNS + 1) or not head[TYPE].isalpha():
         return False
     try:
@@ -68,7 +68,7 @@ def is_kitti(head: Sequence[str]) -> bool:
 
 
 def open_kitti(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one camera.
+    """Open the boxes of one camera in KITTI's text.
 
     Raises:
         InputError: the camera is not named.
@@ -107,13 +107,13 @@ _LINE = re.compile(r'^\s*((?:-?\d+(?:\.\d+)?\s+){6})([01])\s+([01])\s+([01])\s+"
 
 
 def is_vatic(head: Sequence[str]) -> bool:
-    """Whether the first line has VATIC's columns."""
+    """Whether the cells of a first line (`head`) are VATIC's columns."""
     # The label is in quotation marks, which cells do not have
     return len(head) > 9 and _LINE.match(" ".join([*head[:9], f'"{head[9].strip(chr(34))}"'])) is not None
 
 
 def open_vatic(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of one view.
+    """Open the boxes of one view in VATIC text.
 
     Raises:
         InputError: the camera is not named.
@@ -182,7 +182,10 @@ def is_annotations(probe: Probe) -> bool:
 
 
 def open_annotations(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of the views of known cameras (all if none is known), with the identities of the people."""
+    """Open the boxes in WILDTRACK's annotations, with the identities of the people.
+
+    Of the views of known cameras; of all if none is known.
+    """
     known = wanted.known
     files = frame_files(path)
     listed = np.array(list(files), dtype=np.int64)
@@ -268,7 +271,7 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
 
 
 def grid_places(position: Floats) -> tuple[Floats, Floats]:
-    """Positions (x, y) [m] of WILDTRACK grid points."""
+    """Positions x and y (n,) [m] of WILDTRACK's grid points (n,), given by their numbers."""
     return ORIGIN[0] + STEP * (position % ACROSS), ORIGIN[1] + STEP * (position // ACROSS)
 
 
@@ -310,7 +313,7 @@ def _labels(folder: Path) -> Path | None:
 
 
 def label_files(folder: Path) -> list[Path]:
-    """Label files in natural order."""
+    """Label files of YOLO in a folder, in natural order."""
     names = [p.name for p in folder.iterdir() if p.suffix.lower() == ".txt" and p.name.lower() != CLASS_NAMES]
     return [folder / name for name in natural_sorted(n for n in names if last_number(Path(n).stem))]
 
@@ -326,7 +329,7 @@ def is_labels(folder: Path) -> bool:
 
 
 def _is_label(numbers: Sequence[str]) -> bool:
-    """Whether a line is a class and a box in shares of the image size."""
+    """Whether the cells of a line are a class and a box in shares of the image size."""
     try:
         return numbers[0].isdigit() and all(-SLACK <= float(number) <= 1 + SLACK for number in numbers[1:5])
     except ValueError:
@@ -334,7 +337,10 @@ def _is_label(numbers: Sequence[str]) -> bool:
 
 
 def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of a folder; it names its cameras unless the camera is stated."""
+    """Open the boxes of a folder of YOLO text; it names its cameras unless `wanted` states the camera.
+
+    InputError if no camera is named, or one is stated for a folder of several.
+    """
     camera = wanted.camera
     folders = camera_folders(path)
     if camera is None and None in folders:

@@ -58,7 +58,7 @@ class SequenceInfo(NamedTuple):
     height: int
 
     def text(self) -> str:
-        """Text of the file."""
+        """Text of the file `seqinfo.ini`."""
         values = {
             "name": self.name,
             "imDir": "img1",
@@ -89,7 +89,10 @@ def write_mot(path: Path, boxes: Boxes, kind: Kind, *, overwrite: bool = False) 
 
 
 def mot_text(path: Path, boxes: Boxes, kind: Kind) -> str:
-    """Boxes of one camera as MOTChallenge text; errors as of `write_mot`, with the name of the file."""
+    """Boxes of one camera as MOTChallenge text, sorted by frame and identity.
+
+    `kind` states what they are; errors as of `write_mot`, with the name of the file.
+    """
     _check_camera(path, boxes)
     there = boxes.take(np.flatnonzero(boxes.box >= 0))
     order = np.lexsort((there.box, there.target_id, there.frame))
@@ -121,7 +124,7 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
 
 
 def write_sequence_list(path: Path, names: Sequence[str], *, overwrite: bool = False) -> None:
-    """Write the list of sequences that TrackEval is to evaluate (its SEQMAP_FILE)."""
+    """Write the list of sequences that TrackEval is to evaluate (its SEQMAP_FILE), by their names."""
     write_bytes(path, "".join(f"{name}\n" for name in ("name", *names)).encode(), overwrite)
 
 
@@ -218,7 +221,10 @@ def _fill(folder: Path, tracker: str, sequences: Sequence[MotSequence]) -> None:
 
 
 def _move(temporary: Path, folder: Path, overwrite: bool) -> None:
-    """Move new or changed files; none if one of them must not be replaced."""
+    """Move new or changed files from a temporary folder to `folder`; none if one of them must not be replaced.
+
+    OutputExistsError for a file with another content, if `overwrite` is False.
+    """
     files = sorted(path for path in temporary.rglob("*") if path.is_file())
     new = []
     with translate_write_errors(folder):

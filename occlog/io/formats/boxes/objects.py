@@ -46,10 +46,10 @@ Record = Mapping[str, Any]
 
 
 def open_json(path: Path, wanted: BoxReadOptions) -> BoxSource:
-    """Open the boxes of a JSON file; it names its cameras unless the camera is stated.
+    """Open the boxes of a JSON file; it names its cameras unless `wanted` states the camera.
 
     Raises:
-        InputError: it is not JSON, or of none of the forms above.
+        InputError: it is not JSON, or of none of the forms that the module lists.
     """
     camera, ignore_extra = wanted.camera, wanted.ignore_extra
     value = _load(path)
@@ -118,7 +118,15 @@ def _rows(
     ignore_extra: bool,
     skip: Sequence[str] = (),
 ) -> Iterator[CsvRows]:
-    """Convert records to rows; each record has additional cells that override its own."""
+    """Convert records to rows, in chunks.
+
+    Args:
+        path: of the file.
+        records: each with additional cells that override its own.
+        camera: that the user states; None: records name it.
+        ignore_extra: unknown keys are not used.
+        skip: keys that are not used.
+    """
     for start in range(0, len(records), ROWS_PER_CHUNK):
         part = records[start : start + ROWS_PER_CHUNK]
         cells = [
@@ -129,7 +137,10 @@ def _rows(
 
 
 def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequence[str]) -> dict[str, str]:
-    """Cells of one record, by occlog column names."""
+    """Cells of one record, by occlog column names; InputError for unknown keys unless `ignore_extra`.
+
+    `n` is the record's number for messages, `skip` are keys that are not used.
+    """
     if not isinstance(record, dict):
         raise _no_object(path, n, record)
     if LABEL_STUDIO & record.keys():
@@ -174,7 +185,10 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
 
 
 def _text(path: Path, n: int, key: str, value: object) -> str:
-    """Convert a value to the text of a cell; empty for null."""
+    """Convert the value of `key` in entry `n` to the text of a cell; empty for null.
+
+    InputError for lists and the like.
+    """
     if value is None:
         return ""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -183,7 +197,10 @@ def _text(path: Path, n: int, key: str, value: object) -> str:
 
 
 def _image_number(path: Path, n: int, record: Record) -> str:
-    """Frame of a COCO result's image: its number, or the last number in its name."""
+    """Frame of a COCO result's image: its number, or the last number in its name.
+
+    `n` is the entry's number, for messages.
+    """
     image = record.get("image_id")
     found = last_number(Path(image).stem) if isinstance(image, str) else None
     if isinstance(image, int) and not isinstance(image, bool):
@@ -196,7 +213,10 @@ def _image_number(path: Path, n: int, record: Record) -> str:
 
 
 def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
-    """Convert a COCO data set to rows; frames and cameras are those of its images."""
+    """Convert a COCO data set to rows; frames and cameras are those of its images.
+
+    `camera` is that which the user states; None: images name it.
+    """
     images: dict[object, dict[str, str]] = {}
     seen: dict[tuple[str, str], object] = {}
     origins: dict[str, str] = {}
@@ -237,7 +257,15 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
 
 
 def _categories(path: Path, categories: object) -> dict[object, str]:
-    """Names of the COCO classes by number."""
+    """Names of the COCO classes by their ids.
+
+    Args:
+        path: file, for messages.
+        categories: value of `categories` in the file.
+
+    Raises:
+        InputError: `categories` is not a list of objects with ids, or classes of different names have one id.
+    """
     if not isinstance(categories, list):
         raise InputError(f"{path}: categories of COCO are {str(categories)[:40]}; a list was expected")
     names: dict[object, str] = {}
@@ -259,7 +287,7 @@ def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Ite
 
 
 def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, str]:
-    """Frame and camera of a COCO image."""
+    """Frame and camera of the COCO image number `n` as cells; without the camera if the user states it (`camera`)."""
     if not isinstance(image, dict) or not isinstance(image.get("id"), int | str):
         raise InputError(f"{path}: image {n}: has no id", id="missing-value")
     name = str(image.get("file_name", ""))
@@ -303,7 +331,7 @@ def _origin(image: Record) -> str:
 
 
 def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: str) -> None:
-    """InputError if an image has another origin than the first one of its camera."""
+    """InputError if image number `n` has another origin than the first one of its camera (`first`)."""
     if _origin(image) == first:
         return
     owner = f"camera {camera or _camera_of(image)}"
@@ -316,7 +344,7 @@ def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: 
 
 
 def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, str]) -> dict[str, str]:
-    """Box, class, score and identity of a COCO annotation."""
+    """Box, class, score and identity of the COCO annotation number `n`, as cells; `names` are those of the classes."""
     box = annotation.get("bbox")
     if not isinstance(box, list) or len(box) != 4:
         raise InputError(f"{path}: annotation {n}: bbox is {str(box)[:60]}; expected [left, top, width, height]")

@@ -73,7 +73,15 @@ def note_times(
     stamps: dict[str, dict[int, int]],
     heads: dict[str, CsvRows] | None = None,
 ) -> None:
-    """Collect the time of every frame with rows; InputError if a frame has two times."""
+    """Collect the time of every frame with rows; InputError if a frame has two times.
+
+    Args:
+        rows: of the file, as text.
+        boxes: the same rows as numbers.
+        cameras: names by index.
+        stamps: time [ns] by camera and frame, updated.
+        heads: first row of each camera, updated; None: not collected.
+    """
     unit = time_column(rows)
     if unit is None:
         return
@@ -93,7 +101,9 @@ def note_times(
 
 
 def table_times(found: dict[int, int], first: int, stop: int, where: str) -> FrameTimes:
-    """Compute the times of all frames; those without a row are evenly spaced between their neighbours.
+    """Compute the times of the frames first <= frame < stop; those without a row are evenly spaced between neighbours.
+
+    `found` has the time [ns] of each frame with a row.
 
     Raises:
         InputError: no frame has a time, or times go back, repeat or reach too far.
@@ -270,7 +280,10 @@ class BoxSurvey:
         return frames
 
     def _check_rates(self, intervals: Mapping[str, float]) -> None:
-        """UsageError for one frame range of cameras with unequal frame rates, since it means different times."""
+        """UsageError for one frame range of cameras with unequal frame rates, since it means different times.
+
+        `intervals` has the time from frame to frame of each camera [ns].
+        """
         known = {name: step for name, step in intervals.items() if math.isfinite(step) and step > 0}
         if not self.given.common or not known:
             return
@@ -410,7 +423,7 @@ class _CameraFrames:
 
     @property
     def count(self) -> int:
-        """Number of frames."""
+        """Number of frames of the camera, with boxes or listed by the file."""
         return max(self.listed, self.boxed)
 
     def take(self, frames: Ints, *, listed: bool = False) -> None:
@@ -453,7 +466,10 @@ class _CameraFrames:
 
 
 def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
-    """Selected frames of a camera in the step of its file; else those from its first to its last."""
+    """Frames of a camera: those chosen (first, and one after the last) in the step of its file.
+
+    Without a choice (None), those from its first to its last.
+    """
     own = found.range if found.count else range(0)
     if chosen is None:
         return own
@@ -463,7 +479,7 @@ def _range_of(found: _CameraFrames, chosen: tuple[int, int] | None) -> range:
 
 
 def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> Bools:
-    """(n,) mask of boxes in selected frames."""
+    """(n,) mask of the boxes in selected frames; `cameras` are names by index."""
     chosen = np.ones(len(boxes.frame), dtype=np.bool_)
     for n in np.unique(boxes.camera).tolist() if frames else ():
         if (own := frames.of(cameras[n])) is not None:
@@ -473,7 +489,10 @@ def _chosen(boxes: FileBoxRows, cameras: Sequence[str], frames: FrameChoice) -> 
 
 
 def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[str, FrameTimes]:
-    """Times of the frames of each camera with a time column, over the interval in which any of them has a box."""
+    """Times of the frames of each camera with a time column, over the interval in which any of them has a box.
+
+    At least of the frames first <= frame < stop; `where` names the file in messages.
+    """
     ends: dict[str, float] = {}  # of each camera: time from frame 0 to its last one, and from frame to frame [ns]
     steps: dict[str, float] = {}
     for name, stamps in found.stamps.items():
@@ -493,7 +512,7 @@ def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[st
 
 @dataclass
 class _BoxScan:
-    """State of a survey."""
+    """What a survey of box files has found so far."""
 
     cameras: list[str] = field(default_factory=list)
     stamps: dict[str, dict[int, int]] = field(default_factory=dict)
@@ -513,7 +532,7 @@ class _BoxScan:
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def take(self, name: str, frames: Ints, *, listed: bool = False) -> None:
-        """Add frames of a camera to its range."""
+        """Add frames of the camera `name` to its range; `listed`: the file lists them, with or without boxes."""
         self.frames.setdefault(name, _CameraFrames()).take(frames, listed=listed)
 
 
@@ -670,7 +689,7 @@ FORMATS: dict[str, BoxFormat] = {
 
 
 def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource:
-    """Open the file in the format recognised from its content."""
+    """Open the file in the format recognised from its content; `known` are names of cameras that labels may mean."""
     probe = Probe(file.path, WHAT)
     name = recognise(FORMATS, probe)
     assert name is not None
@@ -680,7 +699,10 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
 
 
 def _check_corner(path: Path, names: set[str]) -> None:
-    """InputError for boxes with columns x and y without a statement which point of the box they are."""
+    """InputError for boxes with columns x and y without a statement which point of the box they are.
+
+    `names` are those of all columns.
+    """
     if {"x", "y"} <= names and names & {"w", "width"} and not names & set(COLUMNS["left"]):
         raise InputError(
             f"{path}: columns x and y: they may be a corner or the middle of a box; call them left and top, or give "
@@ -704,9 +726,16 @@ def _read(
     left_out: Counter[tuple[str, ...]],
     unusable: UnusableBoxes | None = None,
 ) -> Iterator[tuple[CsvRows, FileBoxRows]]:
-    """Read rows of a file as text and as numbers.
+    """Generate rows of a file as text and as numbers.
 
-    New cameras are appended to `cameras`, boxes of other classes are counted in `left_out`.
+    Args:
+        file: with the camera that the user states, if any.
+        source: its chunks.
+        cameras: names by index; new ones are appended.
+        known: names of cameras that labels may mean.
+        options: of the reader.
+        left_out: number of boxes of other classes, updated.
+        unusable: boxes that cannot be used are counted in it; None: they are an error.
     """
     meant: dict[str, str] = {}
     label = ""
@@ -738,7 +767,17 @@ def _number_cameras(
     options: BoxOptions,
     meant: dict[str, str],
 ) -> Ints:
-    """Return the (n,) index in `cameras` of each row's camera, matching names to the known ones."""
+    """Return the (n,) index in `cameras` of each row's camera, matching names to the known ones.
+
+    Args:
+        file: with the camera that the user states, if any.
+        rows: n of them.
+        labels: (n,) cameras as in the file; None: the file names none.
+        cameras: names by index; new ones are appended.
+        known: names of cameras that labels may mean.
+        options: of the reader.
+        meant: label of each camera so far, updated.
+    """
     if labels is None:
         name = file.camera or ""
         if name not in cameras:
@@ -757,7 +796,7 @@ def _matched(
 ) -> list[str]:
     """Camera of each label; InputError that lists labels without a camera, or two labels of one camera.
 
-    `meant` has the label of each camera so far.
+    `known` are the names of cameras that labels may mean, `meant` has the label of each camera so far.
     """
     if not known:
         return list(labels)
@@ -803,9 +842,10 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
 def _edges(
     rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOptions
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Left, top, width and height [px], or in shares of the image if given so and image sizes are not known yet.
+    """Left, top, width and height, each (n,) [px]; or in shares of the image, if image sizes are not known yet.
 
-    Empty cells and NaN are NaN if the options are `lenient`, else an error.
+    Empty cells and NaN are NaN if the options are `lenient`, else an error. `camera` (n,) has the index in `cameras` of
+    each row's camera.
     """
     blank, sizes = options.lenient, options.sizes
     if not rows.has(SHARE_X):
@@ -830,7 +870,15 @@ def _edges(
 
 
 def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floats:
-    """(n,) widths or heights [px]; InputError if a far edge given in addition contradicts the size."""
+    """(n,) widths or heights [px]; InputError if a far edge given in addition contradicts the size.
+
+    Args:
+        rows: n of them.
+        size: name of the column with the size.
+        far: name of the column with the far edge.
+        near: (n,) near edges [px].
+        blank: empty cells are NaN rather than an error.
+    """
     if not rows.has(size):
         return rows.floats(far, blank=blank) - near
     sizes = rows.floats(size, blank=blank)
@@ -843,7 +891,7 @@ def _size(rows: CsvRows, size: str, far: str, near: Floats, blank: bool) -> Floa
 
 
 def _confidence(rows: CsvRows, options: BoxOptions) -> Floats:
-    """(n,) confidences; NaN if missing."""
+    """(n,) confidences, converted as the options state; NaN if missing or not used."""
     if not (rows.has("confidence") and options.use_confidence) or options.scores == "unknown":
         return np.full(len(rows), np.nan)
     given = rows.floats("confidence", blank=True)

@@ -42,7 +42,7 @@ class FileBoxRows(NamedTuple):
     confidence: Floats
 
     def pick(self, rows: Ints) -> FileBoxRows:
-        """The rows of an index array."""
+        """Select rows by indices `rows`, in their order."""
         return FileBoxRows._make(column[rows] for column in self)
 
 
@@ -61,7 +61,7 @@ class UnusableBoxes:
     frames: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, camera: str, kind: str, count: int, place: str) -> None:
-        """Count unusable boxes of a camera; `place` is the position of the first of them."""
+        """Count `count` unusable boxes of a camera; `kind` is why, `place` the position of the first of them."""
         self.counts[camera, kind] += count
         self.first.setdefault((camera, kind), place)
 
@@ -156,7 +156,7 @@ def without_copies(
 ) -> Iterator[FileBoxRows]:
     """Generate the chunks, whole frames each, without duplicate boxes.
 
-    Duplicates are counted in `unusable`; if it is None, the first one is an InputError.
+    Duplicates are counted in `unusable`; if it is None, the first one is an InputError. `cameras` are names by index.
     """
     for rows in chunks:
         _, first = np.unique(fingerprints(rows), return_index=True)
@@ -177,7 +177,10 @@ def without_copies(
 
 
 def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path: Path) -> Iterator[FileBoxRows]:
-    """Generate the chunks, whole frames each; InputError if an identity has two boxes in one frame of a camera."""
+    """Generate the chunks, whole frames each; InputError if an identity has two boxes in one frame of a camera.
+
+    `cameras` are names by index.
+    """
     for rows in chunks:
         named = rows.pick(np.flatnonzero(rows.target_id >= 0))
         named = named.pick(np.lexsort((named.target_id, named.camera, named.frame)))
@@ -193,7 +196,7 @@ def check_identities(chunks: Iterator[FileBoxRows], cameras: Sequence[str], path
 
 
 def join(parts: Sequence[FileBoxRows]) -> FileBoxRows:
-    """Concatenate rows, sorted by frame and camera (stable)."""
+    """Concatenate the rows of several parts, sorted by frame and camera (stable)."""
     whole = FileBoxRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     return whole.pick(np.lexsort((whole.camera, whole.frame)))
 
@@ -283,7 +286,17 @@ def _table(
     times: Mapping[str, FrameTimes],
     ranges: Sequence[range],
 ) -> B:
-    """Table of the frames first <= frame < stop that are in the cameras' ranges."""
+    """Table of the frames first <= frame < stop that are in the cameras' ranges; frames without a box have a row, too.
+
+    Args:
+        rows: of these frames, sorted by frame and camera.
+        table: its type.
+        cameras: names by index.
+        first: first frame.
+        stop: frame after the last.
+        times: of the frames, by camera.
+        ranges: frames of each camera.
+    """
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
     start, end, step = np.array([(each.start, each.stop, each.step) for each in ranges]).T
@@ -328,7 +341,7 @@ def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
 
 
 def check_range(first: int, stop: int, where: str) -> None:
-    """InputError for an empty or excessively long frame range."""
+    """InputError for an empty or excessively long range of frames first <= frame < stop."""
     if stop <= first:
         raise InputError(
             f"{where}: no row is in frames {first} to {stop}; give another range of frames", id="empty-input"
@@ -373,7 +386,14 @@ def in_words(classes: Counter[tuple[str, ...]]) -> str:
 def check_classes(
     where: str, wanted: Sequence[str], kept: Counter[tuple[str, ...]], all_: Counter[tuple[str, ...]]
 ) -> None:
-    """InputError if boxes of several classes would be taken for people, or no box has a requested class."""
+    """InputError if boxes of several classes would be taken for people, or no box has a requested class.
+
+    Args:
+        where: file, for messages.
+        wanted: requested classes; empty: none.
+        kept: number of boxes that are read, by class.
+        all_: number of all boxes, by class.
+    """
     if wanted and all_ and not kept:
         numbered = all(name.isdigit() for label in all_ for name in label)
         hint = "; here classes have numbers only: give the number" if numbered else ""

@@ -61,7 +61,7 @@ class CalibrationOptions:
     unused: dict[str, list[str]] = field(default_factory=dict)
 
     def check_keys(self, name: str, keys: Iterable[str], known: Collection[str]) -> None:
-        """Record the keys of camera `name` that are not used, for a note."""
+        """Record, for a note, those of the keys of camera `name` that are not `known`, so that they are not used."""
         for key in keys:
             if key.lower() not in known:
                 self.unused.setdefault(key, []).append(name)
@@ -129,7 +129,7 @@ def numbers(value: object, what: str) -> Floats:
 def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
     """InputError unless a matrix is [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with negligible skew.
 
-    MATLAB's `IntrinsicMatrix` is its transpose, with the principal point at (0, 0).
+    MATLAB's `IntrinsicMatrix` is its transpose, with the principal point at (0, 0). `height` is that of the image [px].
     """
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError(f"{where}: expected a 3 x 3 camera matrix", id="invalid-calibration")
@@ -149,7 +149,7 @@ def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
 
 
 def yaml_values(text: str, path: Path) -> dict[str, object]:
-    """The values of a YAML file that has names at its top; InputError for anything else."""
+    """Values of a YAML file that has names at its top; InputError for anything else."""
     documents = yaml_documents(text, path, WHAT)
     values = documents[0] if len(documents) == 1 else None
     if not isinstance(values, dict):
@@ -168,7 +168,7 @@ def scale_of(options: CalibrationOptions, own: str) -> float:
 
 
 def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
-    """Create the camera of a pose; InputError for impossible parameters."""
+    """Create the camera of a pose; InputError for impossible parameters. `where` names the file in messages."""
     if not pose.name.strip():
         raise InputError(f"{where}: a camera has no name; give it one", id="missing-value")
     focal = _vector(pose.focal_px, 2, "focal length", where)

@@ -90,6 +90,13 @@ def checked_lens(
     A Brown lens for which fixed-point inversion fails (strong pincushion distortion) is converted to OpenCV's complete
     model, which Newton's method inverts.
 
+    Args:
+        lens: as stated.
+        size: width and height of the image [px].
+        focal: (2,) focal lengths [px].
+        principal: (2,) principal point [px].
+        where: file and camera, for messages.
+
     Raises:
         InputError: the lens folds inside the image.
     """

@@ -34,7 +34,7 @@ WITH_CLOCKS = ("kalibr",)
 
 
 def check_calibration(path: Path, format: str, overwrite: bool) -> None:
-    """Raise an error unless `path` can be written; called before any work is done.
+    """Check that `path` can be written in a format; called before any work is done.
 
     Raises:
         OutputExistsError: it exists, and may not be replaced.

@@ -118,7 +118,11 @@ def _csv_rows(part: TextPart, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
 
 
 def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
-    """InputError for a centre outside the image, or an axis longer than it."""
+    """Check an ellipse against the `width` and `height` of the camera's images [px].
+
+    Raises:
+        InputError: its centre is outside the image, or half an axis is longer than the image's diagonal.
+    """
     for name, value, most in (("x_px", given.ellipse[0], width), ("y_px", given.ellipse[1], height)):
         if not -0.5 <= value <= most - 0.5:
             raise InputError(
@@ -136,7 +140,10 @@ def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
 
 
 def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
-    """First ellipses from tracks in images, true boxes, or boxes with identities."""
+    """First ellipses from tracks in images, true boxes, or boxes with identities.
+
+    `sizes` are width and height of each camera's images [px]; other cameras are skipped.
+    """
     opened.require(ViewTracks, TruthBoxes, Boxes, remedy="give a CSV file of ellipses, or begin from detections")
     if opened.has(ViewTracks):
         return _first_of(opened.path, (_tracks(c) for c in opened.rows(ViewTracks)), sizes)
@@ -146,7 +153,7 @@ def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
 
 
 class _EllipseRows(NamedTuple):
-    """Ellipses of some frames."""
+    """Ellipses of several views and frames, in columns."""
 
     sensor: Strings
     target_id: Ints
@@ -172,7 +179,15 @@ def _boxes(c: Boxes) -> _EllipseRows:
 
 
 def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[GivenEllipse]:
-    """First ellipse of each target in each view with its centre in the image and at least half visible."""
+    """Return the first usable ellipse of each target in each view, of those with the centre in the image.
+
+    InputError if boxes have no identity at all.
+
+    Args:
+        path: file that the rows are from, for messages and the result.
+        chunks: rows in the order of the file; `good` marks usable ones (of true boxes: at least half visible).
+        sizes: width and height of each camera's images [px]; rows of other cameras are skipped.
+    """
     found: dict[tuple[str, int], GivenEllipse] = {}
     anonymous = rows = 0
     for c in chunks:

@@ -83,12 +83,19 @@ def attached_epipolar(recording: McapRecording) -> ViewPairs | None:
 
 
 def write_epipolar(path: Path, pairs: ViewPairs, provenance: Provenance, *, overwrite: bool = False) -> None:
-    """Write a JSON file atomically."""
+    """Write fundamental matrices of pairs of cameras as a JSON file, atomically.
+
+    Args:
+        path: file.
+        pairs: pairs of cameras and their matrices.
+        provenance: of the matrices.
+        overwrite: replace an existing file; else it is an OutputExistsError.
+    """
     write_json(path, _values(pairs, provenance), overwrite=overwrite)
 
 
 def epipolar_bytes(pairs: ViewPairs, provenance: Provenance) -> bytes:
-    """Return the epipolar geometry as the bytes of an attachment (JSON)."""
+    """JSON text of fundamental matrices, as `write_epipolar` writes it, as bytes for an attachment of a recording."""
     return (json.dumps(_values(pairs, provenance), sort_keys=True, indent=2) + "\n").encode()
 
 

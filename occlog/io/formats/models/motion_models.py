@@ -190,7 +190,14 @@ def read_path_loss(path: Path) -> PathLossSpec:
 
 
 def write_path_loss(path: Path, spec: PathLossSpec, provenance: Provenance, *, overwrite: bool = False) -> None:
-    """Write a path loss model atomically."""
+    """Write a path loss model and its provenance as a JSON file, atomically.
+
+    Args:
+        path: file.
+        spec: the model.
+        provenance: of the model.
+        overwrite: replace an existing file; else it is an OutputExistsError.
+    """
     values = {**msgspec.to_builtins(spec), "_provenance": provenance.as_dict()}
     write_json(path, values, overwrite=overwrite)
 

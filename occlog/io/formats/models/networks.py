@@ -110,7 +110,13 @@ def read_network(path: Path) -> NetworkSpec:
 
 
 def _check_ways(path: Path, spec: NetworkSpec, nodes: set[str]) -> None:
-    """InputError for a node that is not reachable from the server."""
+    """Check that links, in any direction, lead from the server to each node; InputError names the first one without.
+
+    Args:
+        path: file, for messages.
+        spec: has the server and the links.
+        nodes: names of the nodes.
+    """
     reached, grown = {spec.server}, True
     while grown:
         more = {b for a, b in spec.links if a in reached} | {a for a, b in spec.links if b in reached}

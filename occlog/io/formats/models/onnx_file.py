@@ -53,7 +53,7 @@ class Port:
 
 @dataclass(frozen=True)
 class OnnxFile:
-    """Metadata of a network file."""
+    """Inputs, outputs and metadata of a network file."""
 
     path: Path
     inputs: tuple[Port, ...]  # without those that have a value in the file
@@ -101,7 +101,10 @@ def read_onnx(path: Path) -> OnnxFile:
 
 
 def _beside(path: Path, locations: list[str]) -> tuple[Path, ...]:
-    """External weight files of a model; InputError for one outside its folder."""
+    """External weight files of a model; InputError for one outside its folder, or for too many bytes.
+
+    `locations` are relative to the folder.
+    """
     folder = path.resolve().parent
     found = []
     for location in dict.fromkeys(locations):
@@ -141,7 +144,7 @@ class _OnnxWalk:
     fields: int = 0
 
     def model(self, data: memoryview) -> None:
-        """Parse a ModelProto."""
+        """Parse a ModelProto: metadata, and all graphs of the network."""
         for number, value in self._messages(data):
             if number == 7:
                 self._graph(value, depth=0, whole=True)
@@ -158,7 +161,7 @@ class _OnnxWalk:
                         self._node(node, depth=0)
 
     def _graph(self, data: memoryview, depth: int, whole: bool = False) -> None:
-        """Parse a GraphProto; inputs and outputs are collected for the main graph (`whole`)."""
+        """Parse a GraphProto at a depth of nesting; inputs and outputs are collected for the main graph (`whole`)."""
         if depth > DEEPEST:
             raise _DamageError(f"graphs in graphs, {DEEPEST} deep")
         for number, value in self._messages(data):
@@ -174,7 +177,7 @@ class _OnnxWalk:
                 self.outputs.append(self._port(value))
 
     def _node(self, data: memoryview, depth: int) -> None:
-        """Parse a NodeProto; its attributes may hold tensors and graphs."""
+        """Parse a NodeProto at a depth of nesting; its attributes may hold tensors and graphs."""
         for number, attribute in self._messages(data):
             if number != 5:
                 continue
@@ -310,7 +313,7 @@ def _varint(data: memoryview, offset: int) -> tuple[int, int]:
 
 
 def _varints(data: memoryview) -> Iterator[int]:
-    """Iterate over consecutive variable-length integers."""
+    """Generate the consecutive variable-length integers of `data`."""
     offset = 0
     while offset < len(data):
         value, offset = _varint(data, offset)

@@ -70,7 +70,7 @@ SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
 
 
 def schema_text(name: str, schemas: Mapping[str, Callable[[], dict[str, object]]] = SCHEMAS) -> str:
-    """JSON text of a schema; UsageError for an unknown name."""
+    """JSON text of the schema `name`, one of `schemas`; UsageError for an unknown name."""
     if name not in schemas:
         raise UsageError(f"no schema {name!r}; there are {', '.join(schemas)}", id="unknown-name")
     return json.dumps(schemas[name](), indent=2) + "\n"

@@ -124,7 +124,10 @@ def _target(spec: TargetSpec, where: str) -> ScriptedTarget:
 
 
 def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
-    """Segments with their ends filled in; InputError if they overlap or are overdetermined."""
+    """Segments with their ends filled in; InputError if they overlap or are overdetermined.
+
+    `flat`: the target moves in the plane, without z.
+    """
     done: list[Segment] = []
     for i, s in enumerate(spec.segments):
         location, before = f"{where}: segments[{i}]", done[-1].until_s if done else spec.from_s

@@ -362,7 +362,18 @@ def _distortion(spec: DistortionSpec | None, where: str) -> tuple[Floats, str]:
 
 
 def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
-    """World-from-camera rotation, and whether the camera has a pose."""
+    """World-from-camera rotation of a camera in a scene file, from its matrix or its angles.
+
+    Args:
+        spec: camera in the file.
+        where: file and camera, for messages.
+
+    Returns:
+        (3, 3) rotation, that of angles 0 if nothing is stated; and whether the camera has a pose, True or False.
+
+    Raises:
+        InputError: only a part of the pose is stated, both matrix and angles are, or the matrix is not a rotation.
+    """
     angles = [_angle(getattr(spec, k), getattr(spec, f"{k}_deg"), k, where) for k in ("yaw", "pitch", "roll")]
     if spec.rotation is not None:
         if any(a is not None for a in angles):

@@ -78,7 +78,7 @@ def occurs_twice(path: Path) -> bool:
 
 
 def _several(units: Iterable[str]) -> str:
-    """Format units for a message."""
+    """Join units to a text for a message."""
     return " and ".join(sorted(unit or "no stated unit" for unit in units))
 
 

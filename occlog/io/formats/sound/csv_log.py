@@ -60,7 +60,14 @@ class DoaRows(NamedTuple):
 
 
 def azimuths_only(line: Ints, t_ns: Ints, sensor: Strings, azimuth: Floats) -> DoaRows:
-    """Make rows of a log that has azimuths only."""
+    """Make rows of a log that has azimuths only; all other values are unknown.
+
+    Args:
+        line: (n,) lines of the file.
+        t_ns: (n,) times [ns].
+        sensor: (n,) names.
+        azimuth: (n,) [rad].
+    """
     unknown = np.full(len(line), np.nan)
     unlabelled = np.full(len(line), -1, dtype=np.int64)
     return DoaRows(
@@ -102,7 +109,7 @@ AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimu
 
 
 def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Read the rows of the log."""
+    """Generate the rows of a text table of directions; UsageError if a column of angles states no unit."""
     label = ""
     for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
         rows = part.rows
@@ -140,7 +147,10 @@ def _sensors(rows: CsvRows, options: DoaOptions, label: str) -> Strings:
 
 
 def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
-    """(n,) angles [rad] of a column, with the unit in its name or of the option `unit`; NaN if missing."""
+    """(n,) angles [rad] of the column `name`, with the unit in its name or of the option `unit`; NaN if missing.
+
+    UsageError without a unit.
+    """
     found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
     if not found:
         return np.full(len(rows), np.nan)

@@ -127,7 +127,14 @@ def to_world(azimuth: Floats, convention: str, array_yaw: Floats | float = 0.0) 
 def _untilted(
     rows: DoaRows, sensor: Strings, azimuth: Floats, tilted: Mapping[str, MicrophoneArray]
 ) -> tuple[Floats, DoaRows]:
-    """World azimuths, and rows with world elevations, of directions in the frames of tilted arrays."""
+    """World azimuths (n,), and rows with world elevations, of directions in the frames of tilted arrays.
+
+    Args:
+        rows: n of them, with angles in the frames of the arrays.
+        sensor: (n,) names.
+        azimuth: (n,) in the world, right for arrays that are not tilted [rad].
+        tilted: tilted arrays by name.
+    """
     azimuth, elevation = azimuth.copy(), rows.elevation.copy()
     for name, array in tilted.items():
         mine = np.flatnonzero((sensor == name) & np.isfinite(rows.elevation))
@@ -145,7 +152,7 @@ MAX_RESTART_SHARE = 0.1
 def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tuple[int, int]]) -> None:
     """InputError if times of one array decrease; several directions at one time are allowed.
 
-    `spans`: first and last time of each array so far.
+    `sensor` (n,) has the array of each row, `spans` first and last time of each array so far; updated.
     """
     for name in np.unique(sensor).tolist():
         mine = np.flatnonzero(sensor == name)
@@ -170,7 +177,10 @@ def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tu
 
 
 def _by_clocks(rows: DoaRows, sensor: Strings, clocks: Mapping[str, Clock], first: dict[str, int]) -> DoaRows:
-    """Convert the times of rows to world time by the sensors' clocks."""
+    """Convert the times of rows to world time by the sensors' clocks.
+
+    `sensor` (n,) has the name of each row's array, `first` the first time of each array [ns]; updated.
+    """
     t_ns = rows.t_ns.copy()
     for name, clock in clocks.items():
         mine = np.flatnonzero(sensor == name)

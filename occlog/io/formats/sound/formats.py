@@ -56,7 +56,7 @@ _LAST_NUMBER = re.compile(r"(\d{1,9})$")
 
 
 def looks_like_locata(head: Sequence[str]) -> bool:
-    """Whether a header line is that of a LOCATA table of poses."""
+    """Whether the cells of a header line (`head`) are those of a LOCATA table of poses."""
     return {*TIMES, *PLACE} <= {cell.strip().lower() for cell in head}
 
 
@@ -154,7 +154,7 @@ def _times(part: TextPart) -> Ints:
 
 
 def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
-    """InputError for a matrix that is not a rotation."""
+    """InputError, with the line, for a matrix of `turns` (n, 3, 3) that is not a rotation."""
     off = np.abs(np.einsum("nij,nkj->nik", turns, turns) - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero((off > MAX_ROTATION_ERROR) | (np.linalg.det(turns) < 0))
     if len(bad):
@@ -162,7 +162,7 @@ def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
 
 
 def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> None:
-    """InputError if the array moves."""
+    """InputError, with the line, if the array moves: `positions` (n, 3) [m] or `turns` (n, 3, 3) change."""
     moved = np.linalg.norm(positions - positions[0], axis=1)
     cosine = (np.einsum("ij,nij->n", turns[0], turns) - 1) / 2
     turned = np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -204,10 +204,10 @@ _WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
 def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Read the estimates of one algorithm; recording k of the file (from 0) gets the time k seconds.
+    """Generate the estimates of one algorithm in FRIDA's file; recording k (from 0) gets the time k seconds.
 
     The estimates of one recording are a set without order or identity, measured from the
-    array's own x axis.  The recordings have no time stamps.
+    array's own x axis.  The recordings have no time stamps. UsageError if array or algorithm is not clear.
     """
     if options.sensor is None:
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}", id="camera-not-named")
@@ -233,12 +233,12 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
 
 
 def looks_like_telemetr(head: list[str]) -> bool:
-    """Return whether the first line is date, time, animal, code and pairs of tower and bearing."""
+    """Whether the cells of a first line (`head`) are date, time, animal, code and pairs of tower and bearing."""
     return len(head) >= 6 and len(head) % 2 == 0 and bool(_DATE.match(head[0])) and head[1].count(":") == 2
 
 
 def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
-    """Read bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, taken as UTC.
+    """Generate bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, taken as UTC.
 
     An animal's number is the identity of its bearings.  0 represents a tower without a bearing
     (north is 360): the program that made such logs took the other towers alone for its fix.
@@ -269,7 +269,7 @@ def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Itera
 
 
 def _animals(cells: Strings) -> Ints:
-    """Numbers of animals; -1 for a name that is not a number."""
+    """(n,) numbers of animals in cells (n,); -1 for a name that is not a number."""
     return np.array([int(c) if _WHOLE_NUMBER.match(c) else -1 for c in cells.tolist()], dtype=np.int64)
 
 
@@ -352,12 +352,12 @@ class _OdasObject(NamedTuple):
 
 
 def looks_like_odas(head: list[str]) -> bool:
-    """Whether the first line of a file begins a JSON object."""
+    """Whether the first line of a file (`head`) begins a JSON object."""
     return bool(head) and head[0].lstrip("\ufeff").lstrip().startswith("{")
 
 
 def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[DoaRows]:
-    """Read the directions of a stream; an object truncated by the end of the file is a loss.
+    """Generate the directions of a stream of ODAS; an object truncated by the end of the file is added to `losses`.
 
     Sources without activity (predicted by ODAS only), or straight above or below (without azimuth), are skipped with a
     note.
@@ -414,7 +414,7 @@ def parse_hop(text: str) -> Fraction:
 
 
 def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
-    """Generate the objects of the file, read in pieces."""
+    """Generate the objects of the file, read in pieces; one cut by its end is added to `losses`."""
     decoder = json.JSONDecoder(parse_constant=_refuse_constant)
     text, at, line, ended = "", 0, 1, False
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -439,7 +439,7 @@ def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
 
 
 def _after_blanks(text: str, at: int) -> int:
-    """Position of the next non-blank character."""
+    """Position of the first non-blank character of the text from `at` on."""
     while at < len(text) and text[at] in " \t\r\n":
         at += 1
     return at
@@ -461,7 +461,10 @@ def _refuse_constant(name: str) -> float:
 
 
 def _end(path: Path, line: int, text: str, problem: str, losses: list[Loss]) -> None:
-    """Handle the text after the last complete object: truncated (loss), or damaged (InputError)."""
+    """Handle the text after the last complete object: truncated (added to `losses`), or damaged (InputError).
+
+    `problem` is what the parser states.
+    """
     cut = text.startswith("{") and text.count("{") > text.count("}")
     if not cut:
         raise _malformed(path, line, problem)
@@ -476,7 +479,7 @@ def _malformed(path: Path, line: int, problem: str) -> InputError:
 
 
 def _check(path: Path, line: int, found: object) -> _OdasObject:
-    """Convert an object to a hop; InputError if it has another form."""
+    """Convert an object `found` in a line to a hop; InputError if it has another form."""
     if not isinstance(found, dict):
         raise _malformed(path, line, f"a JSON {type(found).__name__}")
     count, sources = found.get("timeStamp"), found.get("src")
@@ -488,7 +491,10 @@ def _check(path: Path, line: int, found: object) -> _OdasObject:
 
 
 def _sources(path: Path, hop: _OdasObject) -> Iterator[tuple[int, float, float, float]]:
-    """Identity (-1: none), azimuth and elevation in the array's frame [rad], and confidence of each source."""
+    """Identity (-1: none), azimuth and elevation in the array's frame [rad], and confidence of each source of a hop.
+
+    Without sources that are idle; InputError for a vector that is not of unit length.
+    """
     for source in hop.sources:
         identity = source.get("id", -1)
         if isinstance(identity, bool) or not isinstance(identity, int) or not -1 <= identity < 2**31:

@@ -126,7 +126,7 @@ def open_sound(path: Path) -> Sound:
 
 
 def _is_more(path: Path, at: int) -> bool:
-    """Whether data after the declared samples are more samples, or a second chunk of samples."""
+    """Whether data after the declared samples, from byte `at` on, are more samples, or a second chunk of samples."""
     size = path.stat().st_size
     with path.open("rb") as file:
         for _ in range(MAX_CHUNKS):
@@ -157,7 +157,10 @@ def _left(path: Path, at: int) -> Loss:
 
 
 def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
-    """Format chunk, start of the samples, and their size [bytes] by the header."""
+    """Format chunk, start of the samples, and their size [bytes] by the header.
+
+    `large`: the file is RF64, with sizes of 64 bits. InputError without format or samples.
+    """
     form: bytes | None = None
     long_length: int | None = None
     while len(head := file.read(8)) == 8:
@@ -181,7 +184,10 @@ def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
 
 
 def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
-    """Channels, rate, bits per sample, and whether they are floats; InputError for unsupported formats."""
+    """Channels, rate, bits per sample, and whether they are floats; InputError for unsupported formats.
+
+    `form` are the bytes of the format chunk.
+    """
     if len(form) < 16:
         raise InputError(f"{path}: its format (`fmt `) is cut off; convert it again", id="damaged-file")
     tag, channels, rate, _, block, bits = struct.unpack("<HHIIHH", form[:16])

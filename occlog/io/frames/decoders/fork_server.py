@@ -78,7 +78,7 @@ class ForkedProcess:
 
 
 class ForkServer:
-    """Client side of the fork server."""
+    """Client side of a server process that forks decoding processes."""
 
     def __init__(self) -> None:
         """Create a fork server that is not started."""
@@ -235,7 +235,7 @@ class _Served:
         return pid == 0
 
     def _hear(self, pid: int) -> None:
-        """Kill a child on request, or if its receiver has closed."""
+        """Kill the child `pid` on request, or if its receiver has closed."""
         if pid in self._lines:
             with suppress(OSError):
                 self._lines[pid].recv(1)

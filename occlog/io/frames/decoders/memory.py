@@ -60,7 +60,7 @@ class SharedImages:
         self._memory = mmap.mmap(self.file, self._slots * size)
 
     def image(self, slot: int, shape: tuple[int, ...]) -> Image:
-        """Image in a slot: a view, or a copy if the decoder would have no slot left.
+        """Image of a shape in a slot: a view, or a copy if the decoder would have no slot left.
 
         Raises:
             InputError: there is no such slot, or no such image fits into it.
@@ -94,7 +94,7 @@ class SharedImages:
 
 
 class Slots:
-    """Decoder side of the shared memory."""
+    """Decoder side of the memory in which images are passed."""
 
     def __init__(self, file: int, size: int, wait: Callable[[], bytes]) -> None:
         """Use the slots of a memory.
@@ -109,7 +109,7 @@ class Slots:
         self._free = list(range(count))
 
     def free(self, slots: bytes) -> None:
-        """Take back released slots."""
+        """Take back released slots, a byte for the number of each."""
         self._free.extend(slots)
 
     def target(self, shape: tuple[int, ...]) -> Image | None:

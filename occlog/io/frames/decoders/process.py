@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class DecodingJob(TypedDict, total=False):
-    """Work order for the decoding process."""
+    """What the decoding process is to decode, and in which form it returns it."""
 
     kind: Required[Literal["video", "images", "messages"]]  # messages: images that come on standard input
     path: Required[str]  # video file, or folder of the images
@@ -107,14 +107,14 @@ class Decoder:
     shared: SharedImages | None = field(default=None, repr=False)
 
     def begin(self, start: int) -> None:
-        """Send a waiting video decoder the number of its first frame."""
+        """Send a waiting video decoder the number of its first frame, and the size of slots in the shared memory."""
         size = slot_size(*self.size) if self.shared is not None else 0
         if self.shared is not None and size:
             self.shared.cut(size)
         self._write(b"%d %d\n" % (start, size))
 
     def image_of(self, data: bytes, where: str) -> Image:
-        """Decode compressed image bytes (decoder of `messages`).
+        """Decode compressed image bytes (decoder of `messages`); `where` names the image.
 
         Raises:
             InputError: it cannot be decoded; if the process has ended, because of it.
@@ -164,7 +164,7 @@ class Decoder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the process."""
+        """End the process of the decoder."""
         self.close()
 
     def close(self) -> None:
@@ -259,7 +259,7 @@ def start_decoder(job: DecodingJob) -> Decoder:
 
 
 def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | ForkedProcess:
-    """Start a process that waits for its job."""
+    """Start a process that waits for its job; `shared` is the memory in which it returns images, None: none."""
     environment = {**environment_for_children(), "OPENCV_IO_MAX_IMAGE_PIXELS": str(MAX_PIXELS)}
     if FORKS:
         return NURSERY.fork(environment, None if shared is None else shared.file)

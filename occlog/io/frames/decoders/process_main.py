@@ -147,14 +147,24 @@ def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss], memory
 
 
 def _slots(memory: int | None, size: int) -> Slots | None:
-    """Slots of the shared memory, None without one; released slots are read from standard input."""
+    """Slots of a size [bytes] in the shared memory; None without one (`memory` is its descriptor, or None).
+
+    Released slots are read from standard input.
+    """
     if memory is None or not size:
         return None
     return Slots(memory, size, cast("BufferedReader", sys.stdin.buffer).read1)
 
 
 def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> None:
-    """Decode images from standard input, each preceded by its length and the released slots; answer each."""
+    """Decode images from standard input, each preceded by its length and the released slots; answer each.
+
+    Args:
+        job: size of slots.
+        out: answers.
+        log: of the process.
+        memory: descriptor of the shared memory; None: there is none.
+    """
     from ..codec import decode_image, image_size
 
     clock = CpuTimeLimit()
@@ -186,7 +196,14 @@ def _messages(job: DecodingJob, out: BinaryIO, log: Log, memory: int | None) -> 
 
 
 def _send_image(out: BinaryIO, header: DecoderMessage, image: Image, slots: Slots | None) -> None:
-    """Send an image through shared memory, or after its header if it does not fit."""
+    """Send an image to the parent process: through shared memory if it fits there, else after the header.
+
+    Args:
+        out: pipe to the parent.
+        header: message that precedes the image; shape and slot are added to a copy of it.
+        image: pixels.
+        slots: shared memory; None: there is none.
+    """
     slot = None if slots is None else slots.deliver(image)
     if slot is None:
         send(out, {**header, "s": image.shape}, bytes_of(image))
@@ -234,7 +251,10 @@ def bytes_of(image: Image) -> memoryview:
 
 
 def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> tuple[Image, bytes]:
-    """First image that can be decoded, and the content of its file."""
+    """First of the image files that can be decoded, and the content of the file; InputError if none can.
+
+    `files` has number and path of each.
+    """
     from ..codec import decode_image
 
     reason = ""

@@ -46,7 +46,7 @@ _FOOTER = struct.Struct("<QQI")
 
 
 def is_end_mark(code: int, length: int) -> bool:
-    """Whether a record of this kind and length is an end mark."""
+    """Whether a record with an opcode and a length [bytes] is an end mark."""
     return END_BYTES.get(code) == length
 
 
@@ -108,7 +108,10 @@ def index_of(file: IO[bytes], begin: int, size: int) -> tuple[int, bytes] | None
 
 
 def _index_before(file: IO[bytes], begin: int, at: int) -> tuple[int, bytes] | None:
-    """Index of a recording before the footer at byte `at`; None if damaged or without footer."""
+    """First byte and bytes of the index of a recording before the footer at byte `at`.
+
+    None if it is damaged, or there is no footer. `begin` is the first byte of the recording.
+    """
     file.seek(max(at, 0))
     footer = file.read(FOOTER_BYTES + len(RECORDING_MAGIC))
     if not (footer.startswith(_FOOTER_HEAD) and footer[FOOTER_BYTES:] == RECORDING_MAGIC):
@@ -136,7 +139,7 @@ def are_records(data: bytes) -> bool:
 
 
 def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int | None:
-    """Position of the first mark from a byte on; None if there is none."""
+    """Position of the first match of `marks` in the bytes from `at` up to `size`; None if there is none."""
     block = 1 << 20
     while at < size:
         file.seek(at)
@@ -148,7 +151,7 @@ def _find(file: IO[bytes], marks: re.Pattern[bytes], at: int, size: int) -> int 
 
 
 class SalvagedRecording:
-    """State of one recording during salvage."""
+    """One of the recordings in a file, while it is salvaged."""
 
     def __init__(self, at: int) -> None:
         """`at`: byte of the file at which it begins."""
@@ -183,7 +186,7 @@ class SalvagedRecording:
         return found.id in known and bool(known[found.id] != found)
 
     def define(self, found: records.Schema | records.Channel) -> None:
-        """Add a definition."""
+        """Add the definition of a schema or channel."""
         if isinstance(found, records.Schema):
             self.schemas[found.id] = found
         else:
@@ -194,6 +197,12 @@ class SalvagedRecording:
 
         Numbers increase within a topic, so that duplicates indicate a part of the file that was written twice; they are
         counted. If all numbers are 0 (none), messages of one time are duplicates if their bytes are equal.
+
+        Args:
+            topic: of the message.
+            number: its sequence number.
+            t_ns: its time [ns].
+            data: its bytes.
         """
         runs = self._runs.setdefault(topic, [])
         latest = self._latest.get(topic, -1)
@@ -226,7 +235,7 @@ class SalvagedRecording:
         return {topic: max(self._latest.get(topic, -1), self.before.get(topic, -1)) for topic in topics}
 
     def schema_of(self, channel_id: int) -> str:
-        """Schema name of a channel; empty if lost."""
+        """Name of the schema of a channel, by its number; empty if lost."""
         schema = self.schemas.get(self.channels[channel_id].schema_id)
         return "" if schema is None else str(schema.name)
 

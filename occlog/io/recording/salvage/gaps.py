@@ -53,7 +53,7 @@ class Damage:
         self._behind = self._reported = False
 
     def begin(self) -> None:
-        """Record the start of damage."""
+        """Record the start of damage at one more position."""
         self.n_locations += 1
         self.unknown += 1
         self._behind, self._reported = True, False
@@ -76,7 +76,7 @@ class ChannelTally:
     """Counts the messages of one channel, and the gaps between them."""
 
     def __init__(self, channel: int, damage: Damage) -> None:
-        """`damage` is that of the whole recording, and grows while it is read."""
+        """Start without messages of a channel; `damage` is that of the whole recording, and grows while it is read."""
         self.messages = 0
         self._channel, self._damage = channel, damage
         self._last: tuple[int, int] | None = None  # number and time of the last message
@@ -85,7 +85,7 @@ class ChannelTally:
         self._gaps: list[Gap] = []
 
     def add(self, number: int, t_ns: int) -> None:
-        """Count a message."""
+        """Count a message with a sequence number and a time [ns]; after damage a possible gap is recorded."""
         if self._damage.n_locations > self._seen[0]:
             self._gaps.append(self._gap(t_ns, number))
         elif self._last is not None and self._rising is not False:
@@ -140,7 +140,7 @@ class Written:
         self._asked: dict[str, set[int]] = {}
 
     def add(self, topic: str, t_ns: int, record: bytes) -> None:
-        """Add a message; `record` includes its header."""
+        """Add a message of a topic and time [ns]; `record` includes its header."""
         key = _key(t_ns, record)
         if topic in self._asked:
             self._asked[topic].add(key)
@@ -148,7 +148,7 @@ class Written:
             self._all.setdefault(topic, array("Q")).append(key)
 
     def holds(self, topic: str, t_ns: int, record: bytes) -> bool:
-        """Whether a message of this topic, time and content was written."""
+        """Whether a message of this topic, time [ns] and content (`record`, with its header) was written."""
         if topic not in self._asked:
             self._asked[topic] = set(self._all.pop(topic, ()))
         return _key(t_ns, record) in self._asked[topic]

@@ -85,7 +85,10 @@ def _cut_block(frame: bytes) -> bytes | None:
 
 
 def _sequences(block: bytes, before: bytes, most: int) -> bytes:
-    """Decompress LZ4 sequences up to the end of the data, or to the first invalid one."""
+    """Decompress LZ4 sequences of a block up to the end of the data, or to the first invalid one.
+
+    `before` are the decompressed bytes before the block, to which sequences refer, `most` limits the result [bytes].
+    """
     out, skipped, at = bytearray(before[-65_535:]), len(before[-65_535:]), 0
     while at < len(block) and len(out) - skipped < most:
         token = block[at]
@@ -105,7 +108,10 @@ def _sequences(block: bytes, before: bytes, most: int) -> bytes:
 
 
 def _length(block: bytes, at: int, length: int) -> tuple[int, int]:
-    """Decode an LZ4 length that begins with this number; return it with the next position (partial if truncated)."""
+    """Decode an LZ4 length, of which `length` is the 4-bit beginning; return it with the next position.
+
+    `at` is the byte of the block that may continue it; the length is partial if the block is truncated.
+    """
     if length < _LONG:
         return length, at
     while at < len(block):
@@ -140,7 +146,7 @@ FAILURES = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryE
 
 
 class DamageReporter(Protocol):
-    """Callback for damage."""
+    """Function to which damage is reported."""
 
     def __call__(self, at: int, what: str, *, messages: bool = True) -> None:
         """Report damage at a byte of the file, its description, and whether messages may be lost."""
@@ -226,7 +232,7 @@ def intact_records(path: Path, damaged: DamageReporter) -> Iterator[McapRecord]:
 
 
 def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
-    """Schemas, channels and statistics in the index of a recording that begins at a byte; empty if damaged."""
+    """Schemas, channels and statistics in the index of a recording that begins at byte `begin`; empty if damaged."""
     with path.open("rb") as file, suppress(*FAILURES):
         found = index_of(file, begin, path.stat().st_size)
         if found is not None:
@@ -237,7 +243,10 @@ def repeated_records(path: Path, begin: int = 0) -> list[McapRecord]:
 
 
 def _behind(file: IO[bytes], at: int, size: int, damaged: DamageReporter) -> int:
-    """Position after the end mark at a byte: next recording or chunk; `size` if there is none."""
+    """Position after the end mark at byte `at`: next recording or chunk; `size` if there is none.
+
+    Skipped bytes are reported to `damaged`.
+    """
     behind = byte_after_end(file, at, size)
     if behind is None:  # the index is damaged, or the mark is none
         begins = _next_begin(file, at + 1, size)
@@ -281,7 +290,10 @@ def _kind(file: IO[bytes], code: int, length: int, before: int) -> int:
 
 
 def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
-    """Length of the record at a byte by its content, independent of its header; None if undetermined."""
+    """Length of the record at byte `at` by its content, independent of its header; None if undetermined.
+
+    `code` is its opcode, `size` that of the file.
+    """
     offset = at + HEAD.size
     for part in _PARTS.get(code, ()):
         if part < 0:
@@ -299,7 +311,7 @@ def _own_length(file: IO[bytes], at: int, code: int, size: int) -> int | None:
 
 
 def _begins_at(file: IO[bytes], at: int, size: int) -> bool:
-    """Whether a record or recording begins at a byte, by its header."""
+    """Whether a record or recording begins at byte `at`, by its header; `size` is that of the file."""
     file.seek(at)
     head = file.read(HEAD.size)
     if head.startswith(RECORDING_MAGIC) or len(head) < HEAD.size:
@@ -321,7 +333,16 @@ def _is_chunk(data: bytes) -> bool:
 def _one(
     file: IO[bytes], at: int, code: int, length: int, damaged: DamageReporter, growth: DecompressionCount
 ) -> Generator[McapRecord, None, int]:
-    """Process a record outside chunks, or a chunk; return the next position."""
+    """Generate the records of one outside chunks, or of a chunk; return the next position.
+
+    Args:
+        file: at the content of the record.
+        at: its first byte.
+        code: its opcode.
+        length: of its content.
+        damaged: called with position and text of damage.
+        growth: counts decompressed bytes.
+    """
     end = at + HEAD.size + length
     if code == Opcode.HEADER:
         return end
@@ -365,7 +386,10 @@ def has_right_sum(attachment: bytes) -> bool:
 def _cut_chunk(
     file: IO[bytes], at: int, size: int, damaged: DamageReporter, growth: DecompressionCount
 ) -> Iterator[McapRecord]:
-    """Complete records of a chunk truncated at byte `size`."""
+    """Generate the complete records of the chunk at byte `at`, which is truncated at byte `size`.
+
+    The truncation is reported to `damaged`.
+    """
     file.seek(at + HEAD.size)
     try:
         data = file.read(min(size - at - HEAD.size, MAX_CHUNK_BYTES))
@@ -378,7 +402,10 @@ def _cut_chunk(
 
 
 def _unpacked(data: bytes, head: ChunkHead) -> bytes:
-    """Decompress the records of a chunk, limited to the declared size; ValueError if that is too large."""
+    """Decompress the records of a chunk, limited to the size declared in `head`; ValueError if that is too large.
+
+    Of damaged `data` the part before the damage is returned.
+    """
     packed, compression, declared = data[head.begin :], head.compression, head.declared
     if compression not in KNOWN_COMPRESSION:
         raise ValueError(f"unknown compression {compression!r}")
@@ -402,7 +429,7 @@ def _unpacked(data: bytes, head: ChunkHead) -> bytes:
 
 
 def _split(records: bytes, at: int) -> Iterator[McapRecord]:
-    """Complete records in the decompressed bytes of a chunk."""
+    """Generate the complete records in the decompressed bytes of the chunk at byte `at`."""
     begin = 0
     while begin + HEAD.size <= len(records):
         code, length = HEAD.unpack_from(records, begin)
@@ -414,7 +441,16 @@ def _split(records: bytes, at: int) -> Iterator[McapRecord]:
 
 
 def _next_begin(file: IO[bytes], at: int, size: int) -> int | None:
-    """Start of the next plausible compressed chunk or recording; None if there is none."""
+    """Search a damaged file for the next plausible compressed chunk or beginning of a recording.
+
+    Args:
+        file: open for reading.
+        at: byte at which the search begins.
+        size: of the file [bytes].
+
+    Returns:
+        Byte at which it begins, at least `at`; None if there is none.
+    """
     before = HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, (*_MARKS, BEGIN)))
     begin, length = at, _FIRST_BLOCK

@@ -185,7 +185,11 @@ class _Salvage:
         return part is self._first or (part.scene is not None and part.scene == self._first.scene)
 
     def finish(self, videos: Mapping[str, Path]) -> Recovered:
-        """Complete the file; InputError if it is not an occlog recording, or nothing is intact."""
+        """Complete the file, and return what was recovered.
+
+        InputError if it is not an occlog recording, or nothing is intact. `videos` has the file of the video of a
+        camera, where the link to it is lost.
+        """
         self._close()
         ours = OURS in self._first.metadata or SCENE_ATTACHMENT in self._attached
         if not ours and not any(name.startswith("occlog.") for name in self._names):

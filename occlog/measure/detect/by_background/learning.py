@@ -72,7 +72,10 @@ class LearningFrames:
         return number % self.stride == 0
 
     def keep(self, number: int, image: Image) -> None:
-        """Keep an image selected by `wants`."""
+        """Keep the image of frame `number`, selected by `wants`.
+
+        If there are too many, every second one is dropped before.
+        """
         if len(self.images) == self.limit:
             self.images = self.images[::2]
             self.stride *= 2
@@ -117,7 +120,15 @@ def learn_from(
     boxes: Sequence[TargetBox] = (),
     workers: int = 1,
 ) -> tuple[Learned, tuple[Target, ...]]:
-    """Learn as `learn` does, from the frames kept by `sample_frames`."""
+    """Learn empty scenes, sizes of people and targets as `learn` does, from the frames kept by `sample_frames`.
+
+    Args:
+        samples: frames by camera.
+        scene: has the cameras.
+        config: of the detection.
+        boxes: from which the appearance of targets is learned.
+        workers: number of threads.
+    """
 
     def study(name: str) -> _LearntCamera | None:
         return _study(samples[name], scene.camera(name), scene, config)
@@ -134,7 +145,10 @@ def learn_from(
 def sample_frames(
     frames: Iterable[Frame], scene: Scene, config: DetectConfig, boxes: Sequence[TargetBox] = ()
 ) -> dict[str, LearningFrames]:
-    """Frames of each camera kept for learning: spread evenly over the recording, and those with boxes."""
+    """Frames of each camera kept for learning: spread evenly over the recording, and those with `boxes`.
+
+    Frames that cannot be decoded are skipped.
+    """
     wanted = {(b.sensor, b.frame) for b in boxes}
     samples: dict[str, LearningFrames] = {}
     for frame in frames:
@@ -157,20 +171,41 @@ def sample_frames(
 
 
 def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
-    """Set image shape, downscaling factor and number of samples from a camera's first image."""
+    """Set shape, downscaling factor and maximum number of samples by the first image of a camera, in place.
+
+    Args:
+        samples: of the camera; changed.
+        image: the first one.
+        name: of the camera.
+        scene: has the cameras.
+        config: of the detection.
+    """
     samples.shape = image.shape
     samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
     samples.limit = sample_limit(downscale(image, samples.shrink).nbytes, len(scene.cameras))
 
 
 def sample_limit(image_bytes: int, n_cameras: int) -> int:
-    """Maximum number of samples per camera in memory (even, since every second one is dropped when full)."""
+    """Maximum number of samples per camera in memory (even, since every second one is dropped when full).
+
+    `image_bytes` is the size of a downscaled image.
+    """
     fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
     return int(np.clip(fits, MIN_SAMPLES, MAX_SAMPLES)) // 2 * 2
 
 
 def _study(samples: LearningFrames, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
-    """Empty scene, and sizes of people unless the camera's pose determines them; None without images."""
+    """Learn the empty scene of a camera and, if its pose does not determine them, the sizes of people in its images.
+
+    Args:
+        samples: downscaled images of the camera.
+        camera: has the pose.
+        scene: has unit and room.
+        config: of the detection; may state the sizes.
+
+    Returns:
+        None without images.
+    """
     if not samples.images:
         return None
     sizes = known_sizes(camera, scene, samples.size, config)

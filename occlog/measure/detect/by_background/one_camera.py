@@ -89,7 +89,10 @@ class TargetMemory:
 
 
 def similarities(appearance: Floats, targets: Sequence[Target]) -> Floats:
-    """(K, T) similarity of regions (K, 72) to each target (to its most similar appearance); NaN for NaN rows."""
+    """(K, T) similarity of the appearances (K, 72) of regions to each target; NaN for NaN rows.
+
+    It is that to the target's most similar appearance.
+    """
     columns = [similarity(appearance, target.appearances).max(axis=1, initial=-np.inf) for target in targets]
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
@@ -146,9 +149,14 @@ def choose(
 
 
 def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
-    """(K,) closeness to the target's last position: exp(-d^2 / 2) with the normalised distance d.
+    """(K,) closeness of regions to the target's last position: exp(-d^2 / 2) with the normalised distance d.
 
     It is 0 without a last position, and after `MEMORY_S`.
+
+    Args:
+        t_ns: time [ns].
+        regions: K regions.
+        last: time [ns], x and y [px] of the last position; None: there is none.
     """
     if last is None or (t_ns - last[0]) * 1e-9 > MEMORY_S:
         return np.zeros(len(regions.mass))
@@ -194,7 +202,7 @@ class CameraState:
 
 @dataclass(frozen=True)
 class FrameRegions:
-    """Regions of one frame."""
+    """Regions of one frame, with its time and number."""
 
     t_ns: int
     index: int
@@ -242,7 +250,10 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
 def _regions_of_frame(
     state: CameraState, setup: CameraSetup, frame: Frame, image: Image
 ) -> tuple[str, ForegroundRegions | None]:
-    """Reason why a frame cannot be used (empty: none), and its regions; neither during warm-up of the background."""
+    """Reason why a frame cannot be used (empty: none), and its regions; neither during warm-up of the background.
+
+    `image` is the decoded frame; the background model is updated.
+    """
     if image.shape != setup.shape:
         return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(setup.shape)}", None
     c = state.config
@@ -293,7 +304,10 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
 
 
 def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> SizeMap | None:
-    """Size map from the options or the camera's pose; None if neither determines it."""
+    """Size map for images of a size (width, height) from the options or the camera's pose.
+
+    None if neither determines it, or no person on the floor is in the image.
+    """
     if config.person_height_px is not None:
         return constant_sizes(size, config.person_height_px)
     height = config.person_height or PERSON_HEIGHT.get(scene.length_unit)
@@ -316,6 +330,8 @@ def upright(scene: Scene) -> bool:
 def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> int:
     """Downscaling factor of a camera's images, from the options or the size of people in them.
 
+    `size` is width and height of the images [px].
+
     Raises:
         InputError: the downscaled images are too large for a background model.
     """
@@ -331,7 +347,7 @@ def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: Detec
 
 
 def check_size(camera: Camera, size: tuple[int, int]) -> None:
-    """InputError unless images of this width and height fit the camera's calibration."""
+    """InputError unless images of a size (width, height) fit the camera's calibration."""
     if camera.image_size is None:
         return
     cut = np.subtract(camera.image_size, size)
@@ -345,7 +361,10 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
 
 
 def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: int) -> None:
-    """InputError if images of this size, after downscaling, are too large for a background model."""
+    """InputError if images of a size, downscaled by `factor`, are too large for the background model `kind`.
+
+    `size` is width and height before [px].
+    """
     pixels, most = size[0] * size[1], largest_image(kind)
     if pixels / factor**2 > most:
         raise InputError(
@@ -387,7 +406,10 @@ def size_in_words(shape: tuple[int, ...]) -> str:
 
 
 def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
-    """Losses of frames, one for each run of consecutive frames with the same reason."""
+    """Losses of the frames of a sensor, one for each run of consecutive frames with the same reason.
+
+    `lost` has number and reason of each frame, in order.
+    """
     losses = []
     # Index minus position is constant in a run of consecutive frames.
     for (what, _), group in groupby(enumerate(lost), key=lambda item: (item[1][1], item[1][0] - item[0])):

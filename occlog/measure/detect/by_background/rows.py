@@ -29,7 +29,15 @@ class _RegionFrames(NamedTuple):
 
 
 def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views, Bearings]:
-    """Views and bearings of one camera; updates its memory of the targets."""
+    """Convert the regions of some frames of one camera to rows of views and bearings.
+
+    Args:
+        state: camera, settings, and its memory of the targets, which is updated.
+        found: regions of each frame, by rising time.
+
+    Returns:
+        Views and bearings, both empty without frames.
+    """
     if not found or state.setup is None:
         return Views.empty(), Bearings.empty()
     frames = _gather(found)
@@ -54,14 +62,21 @@ def _gather(found: Sequence[FrameRegions]) -> _RegionFrames:
 
 
 def _cut(boxes: Floats, width: int) -> Bools:
-    """Mask of boxes that touch the left or right border of the image."""
+    """(K,) mask of boxes (K, 4) that touch the left or right border of an image of a width [px]."""
     left, right = boxes[:, 0], boxes[:, 0] + boxes[:, 2]
     cut: Bools = (left < BORDER_PX - 0.5) | (right > width - 0.5 - BORDER_PX)
     return cut
 
 
 def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: RegionBearings) -> Ints:
-    """(F, T) index of each target's region among all regions; -1 if not detected."""
+    """(F, T) index of each target's region among all K regions of F frames; -1 if not detected.
+
+    Args:
+        state: of the camera; its memory of the T targets is updated.
+        frames: the regions.
+        like: (K, T) similarities.
+        seen: bearings of the regions.
+    """
     chosen, may_be = [], _near(state, frames, seen)
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
         mine = ForegroundRegions(*(column[a:b] for column in frames.regions))
@@ -76,7 +91,10 @@ def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: Regio
 
 
 def _near(state: CameraState, frames: _RegionFrames, seen: RegionBearings) -> Bools | None:
-    """(K, T) mask of regions near the predicted position of each target; None without predictions or pose."""
+    """(K, T) mask of regions near the predicted position of each target; None without predictions or pose.
+
+    `seen` are the bearings of the K regions.
+    """
     near, camera = state.near, state.camera
     if near is None or not camera.placed:
         return None
@@ -127,7 +145,15 @@ def _views(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like
 
 
 def _bearings(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like: Floats, chosen: Ints) -> Bearings:
-    """One row for each frame and target; none for a camera without pose."""
+    """Bearings, one row for each frame and target, also if not detected; none for a camera without pose.
+
+    Args:
+        state: of the camera.
+        frames: F frames with K regions.
+        seen: bearings of the regions.
+        like: (K, T) similarities.
+        chosen: (F, T) region of each target; -1: not detected.
+    """
     if not state.camera.placed:
         return Bearings.empty()
     ids = _target_ids(state)

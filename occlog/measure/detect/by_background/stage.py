@@ -141,7 +141,7 @@ def _by_camera(batch: list[Frame]) -> dict[str, list[Frame]]:
 
 
 def _job(state: CameraState, frames: list[Frame], before: Future[_Part] | None) -> _Part:
-    """Process one camera's part of a batch, after its part of the previous batch.
+    """Process one camera's frames of a batch, after its part of the previous batch (`before`).
 
     Jobs start in the order of submission, so that there is no deadlock.
     """

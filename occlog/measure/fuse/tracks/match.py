@@ -73,12 +73,12 @@ class GroundPositions(NamedTuple):
 
     @classmethod
     def of(cls, tracks: PeopleTracks) -> GroundPositions:
-        """Positions of all rows."""
+        """Positions and covariances of all rows of tracks."""
         tracks = tracks.with_covariance()
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
     def take(self, rows: Ints) -> GroundPositions:
-        """Select rows."""
+        """Select positions by indices."""
         return GroundPositions(*(values[rows] for values in self))
 
 
@@ -100,7 +100,18 @@ def distances(first: GroundPositions, second: GroundPositions, error: float) -> 
 def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
-    """Rows of both groups at one time step, of tracks that are ever near each other, with their mean distances."""
+    """Rows of both groups at one time step, of tracks that are ever near each other, with their mean distances.
+
+    Args:
+        first: tracks of one group.
+        second: tracks of the other group.
+        error: standard deviation of both beyond their covariances, per axis.
+        gate: limit of the normalised distance.
+        span_s: time over which distances are averaged [s].
+
+    Returns:
+        (n,) rows of the first group, (n,) rows of the second, (n,) mean squared normalised distances.
+    """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
     none = np.zeros(0, dtype=np.int64)
@@ -118,7 +129,10 @@ def _compared(
 
 
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
-    """Pairs of identities that are within the gate at some time step."""
+    """Pairs of identities (of the first and the second group) that are within the gate at some time step.
+
+    `error` is the standard deviation of both beyond their covariances, per axis.
+    """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()
     times, start, number = np.unique(second.t_ns, return_index=True, return_counts=True)
@@ -134,7 +148,7 @@ def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: fl
 
 
 def _windowed(values: Floats, t_ns: Ints, half_ns: int) -> Floats:
-    """Moving averages of values over +-`half_ns` around each time."""
+    """(n,) moving averages of values (n,) over +-`half_ns` [ns] around each of the rising times `t_ns` (n,)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     low = np.searchsorted(t_ns, t_ns - half_ns, side="left")
     high = np.searchsorted(t_ns, t_ns + half_ns, side="right")
@@ -164,7 +178,7 @@ class IdentityMatcher:
     _next: int = 0
 
     def step(self, people: list[tuple[Member, ...]]) -> list[int]:
-        """Assign an identity to each person (a set of tracks) at the next time step."""
+        """Identity of each person (a set of tracks) at the next time step; `doubts` has possible exchanges."""
         self.doubts = []
         taken: dict[int, int] = {}
         # The oldest identity goes first, to those with tracks that have had it all along
@@ -185,7 +199,7 @@ class IdentityMatcher:
         return [given[index] for index in range(len(people))]
 
     def _claims(self, people: list[tuple[Member, ...]]) -> Iterator[tuple[int, int]]:
-        """Pairs of an identity and the index of a person with a track that has it, the oldest identity first.
+        """Generate pairs of an identity and the index of a person with a track that has it, the oldest identity first.
 
         Tracks that had the identity from the start have priority.
         """
@@ -199,7 +213,12 @@ class IdentityMatcher:
             yield identity, index
 
     def _again(self, members: tuple[Member, ...], taken: dict[int, int]) -> int:
-        """Identity that a track had before it was merged with another person; else a new one."""
+        """Identity that a track had before it was merged with another person; else a new one.
+
+        Args:
+            members: tracks that are one person.
+            taken: identities in use at this time step.
+        """
         for member in members:
             own = self._own.get(member)
             if own is not None and own not in taken:

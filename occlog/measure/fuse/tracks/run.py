@@ -28,7 +28,7 @@ MAX_SEPARATION_RATIO = 2.0
 
 
 def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse tracks and write; return the summary, and earlier losses."""
+    """Fuse tracks of several groups of cameras and write them; return the summary, and earlier losses."""
     paths = (request.bearings, *request.others)
     opened = [open_input(path, PeopleTracks) for path in paths]
     unit, source = common_unit(opened)
@@ -74,7 +74,15 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
 def _checks(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> tuple[Check, ...]:
-    """Checks of the inputs, with their findings."""
+    """Checks that every group has tracks, and that groups agree with those before them.
+
+    Args:
+        paths: file of each group.
+        groups: tracks of each group.
+        fused: has the agreement of each group but the first with those before.
+        config: error of the registration of groups.
+        unit: of lengths, for messages.
+    """
     anybody = any(len(group) for group in groups)
     empty = (
         finding(FOUND, "group-without-tracks", file=str(path))
@@ -87,7 +95,10 @@ def _checks(
 def _apart(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> Iterator[Check]:
-    """Findings about groups of cameras without common people, or displaced relative to earlier groups."""
+    """Findings about groups of cameras without common people, or displaced relative to earlier groups.
+
+    Lengths are in `unit`.
+    """
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):
             continue

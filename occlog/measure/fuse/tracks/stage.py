@@ -45,7 +45,7 @@ def default_window(groups: Sequence[PeopleTracks]) -> int:
 
 
 def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
-    """(T,) common time steps [ns]: the first of all times within a window."""
+    """(T,) common time steps [ns] of all groups: the first of all times within a window of `window_ns`."""
     times = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.t_ns for g in groups)]))
     starts: list[int] = []
     at = 0
@@ -56,7 +56,7 @@ def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
 
 
 def at_times(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
-    """Resample all tracks to the time steps; rows sorted by time and identity.
+    """Resample all tracks to the time steps `times` (T,) [ns]; rows sorted by time and identity.
 
     A row at a time step is unchanged. Between rows at most `gap_ns` apart states are interpolated linearly; otherwise a
     row at most `window_ns` from a time step is moved there with its velocity.
@@ -92,7 +92,10 @@ def _one_at_times(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int)
 
 
 def _line(values: Floats, before: Ints, after: Ints, share: Floats) -> Floats:
-    """Linear interpolation between rows; the values of the row itself where `before` and `after` are the same."""
+    """(T, ...) linear interpolation between the rows `before` and `after` (T,) of values, by a share (T,) from 0 to 1.
+
+    The values of the row itself where both are the same.
+    """
     same = before == after
     between: Floats = (1.0 - share) * values[before] + share * values[after]
     return np.where(same, values[before], between)
@@ -168,7 +171,10 @@ def _alone(tracks: PeopleTracks) -> JoinedTracks:
 def _join(
     first: JoinedTracks, second: PeopleTracks, number: int, config: TrackFusionConfig
 ) -> tuple[JoinedTracks, list[_Doubt], GroupConsistency]:
-    """Add the tracks of a group to those fused before; `number`: groups added before."""
+    """Add the tracks of a group to those fused before; also return possible switches and how the groups agree.
+
+    `number` is that of the groups added before.
+    """
     partner = match_tracks(first, second, config.sigma_registration, config.gate, config.comparison_window_s)
     pairs = np.flatnonzero(partner >= 0)
     mine, theirs = first.take(pairs), second.take(partner[pairs])
@@ -200,9 +206,15 @@ def _join(
 
 
 def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt], Bools]:
-    """Identities of rows in the order of time, by the tracks of both groups (-1: none).
+    """Identities of n rows in the order of time, by the tracks of both groups.
 
-    Also the possible exchanges, and the (n,) mask of the rows of identities that they are of.
+    Args:
+        t_ns: (n,) times [ns].
+        here: (n,) tracks fused before; -1: none.
+        also: (n,) tracks of the new group; -1: none.
+
+    Returns:
+        (n,) identities; possible switches; (n,) mask of the rows of identities that they are of.
     """
     identities, doubts = IdentityMatcher(), list[_Doubt]()
     out: Ints32 = np.zeros(len(t_ns), dtype=np.int32)
@@ -220,7 +232,10 @@ def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt
 
 
 def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
-    """Fuse rows of people tracked by both groups: covariance intersection, and the flags of either."""
+    """Fuse rows of people tracked by both groups: covariance intersection, and the flags of either.
+
+    Row k of `mine` and of `theirs` are of one person and time.
+    """
     n = len(mine)
     known = np.isfinite(_covariances(mine)).all(axis=(1, 2)) & np.isfinite(_covariances(theirs)).all(axis=(1, 2))
     mean, covariance = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
@@ -265,7 +280,7 @@ def _covariances(tracks: PeopleTracks) -> Floats:
 
 
 def _united(first: str, second: str) -> str:
-    """Union of two lists of names, in order."""
+    """Union of two comma-separated lists of names: those of `first`, then the others of `second`; no empty ones."""
     return ",".join(dict.fromkeys(name for text in (first, second) for name in text.split(",") if name))
 
 
@@ -276,7 +291,7 @@ def _keep_flags(word: str, where: Bools) -> Bools:
 
 
 def _with(texts: Strings, more: Strings) -> Strings:
-    """Append one word to each comma-separated list."""
+    """Append one word to each comma-separated list: `texts` and `more` are (n,)."""
     return np.array([f"{a},{b}" for a, b in zip(texts.tolist(), more.tolist(), strict=True)], dtype=np.str_)
 
 
@@ -291,7 +306,13 @@ def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, th
 
 
 def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) -> list[_Doubt]:
-    """Rename possible switches to the identities after one more group was added."""
+    """Rename possible switches to the identities after one more group was added.
+
+    Args:
+        doubts: with identities of `before`.
+        before: fused tracks without the group.
+        after: fused tracks with it.
+    """
     named: dict[int, tuple[Ints, Ints]] = {}
     groups = before.source_ids[0].count(",") + 1 if len(before) else 0
     keys = np.array([text.rsplit(",", 1)[0] for text in after.source_ids.tolist()], dtype=np.str_)
@@ -311,7 +332,10 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 
 
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
-    """Track initiations (first row of an identity), terminations (time step after the last), possible switches."""
+    """Track initiations (first row of an identity), terminations (time step after the last), possible switches.
+
+    `times` (T,) are all time steps [ns].
+    """
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
     ended = np.searchsorted(times, tracks.t_ns[last], side="right")

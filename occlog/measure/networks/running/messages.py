@@ -23,7 +23,7 @@ _LENGTH = struct.Struct(">I")
 
 
 def send(pipe: IO[bytes], header: Mapping[str, Any], arrays: Feeds) -> None:
-    """Write a message.
+    """Write a message of a header (JSON) and named arrays to a pipe.
 
     Raises:
         OSError: the receiver has closed.

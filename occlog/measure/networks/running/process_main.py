@@ -52,7 +52,10 @@ def _run(network: Runtime, feeds: Feeds) -> tuple[Runtime, dict[str, str], Feeds
 
 
 def _answered(out: IO[bytes], work: Callable[[], tuple[Runtime, dict[str, str], Feeds]]) -> Runtime | None:
-    """Answer with the result of some work; return the network, None if the work failed."""
+    """Answer on `out` with the result of some work; return the network, None if the work failed.
+
+    An InputError or UsageError is the answer then.
+    """
     try:
         network, header, arrays = work()
     except InputError as error:

@@ -22,7 +22,7 @@ from .messages import Feeds
 
 
 class Runtime(Protocol):
-    """Interface of a loaded network."""
+    """Interface of a network that is loaded in a runtime."""
 
     @property
     def called(self) -> str:
@@ -76,7 +76,14 @@ def _extra(name: str) -> ModuleType:
 
 @contextmanager
 def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception], ...], does: str) -> Iterator[None]:
-    """Context manager that converts errors of a runtime to InputError."""
+    """Context manager that converts errors of a runtime to InputError.
+
+    Args:
+        model: the network.
+        called: name of the runtime, for the message.
+        errors: types that are converted.
+        does: what it cannot do, a verb.
+    """
     try:
         yield
     except errors as error:
@@ -89,7 +96,7 @@ def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception],
 
 @dataclass
 class _OpenCv:
-    """Runtime `cv2.dnn`."""
+    """Network in the runtime `cv2.dnn`."""
 
     model: OnnxFile
 
@@ -117,7 +124,7 @@ class _OpenCv:
 
 @dataclass
 class _OnnxRuntime:
-    """Runtime `onnxruntime` on the CPU."""
+    """Network in the runtime `onnxruntime`, on the CPU."""
 
     model: OnnxFile
     threads: int

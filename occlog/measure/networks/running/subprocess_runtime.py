@@ -86,7 +86,7 @@ class SubprocessRuntime:
         return answer, found
 
     def _death(self) -> str:
-        """Describe how the process ended."""
+        """Describe how the process of the runtime ended."""
         return exit_description(self._process.wait(), f"{SECONDS} s of each thread")
 
 

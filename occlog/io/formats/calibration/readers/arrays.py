@@ -115,7 +115,10 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
 
 
 def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
-    """Parse name and values of one array element of a MATLAB file; values are None unless real numbers."""
+    """Parse name and values of one array element of a MATLAB file; values are None unless real numbers.
+
+    `order` is the byte order, `<` or `>`.
+    """
     parts = _elements(data, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts, _Element(0, b"")).data)
     sizes = next(parts, _Element(0, b""))
@@ -131,7 +134,7 @@ def _matrix(data: bytes, order: str) -> tuple[str, Floats | None]:
 
 
 def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
-    """Parse the arrays of a MATLAB version 4 file."""
+    """Generate name and values of the arrays in `content`, a MATLAB version 4 file; None: not real numbers."""
     at = 0
     while at < len(content):
         order = "<" if 0 <= struct.unpack_from("<i", content, at)[0] < 1000 else ">"
@@ -154,7 +157,7 @@ def _old(content: bytes) -> Iterator[tuple[str, Floats | None]]:
 
 
 def _shaped(values: NDArray[np.generic], shape: list[int]) -> Floats:
-    """Reshape numbers in column-major order; ValueError for a wrong number."""
+    """Reshape numbers in column-major order as floats; ValueError for a wrong number."""
     if min(shape, default=-1) < 0:
         raise ValueError(f"an array of {shape}")
     return np.asarray(values, dtype=np.float64).reshape(shape, order="F")
@@ -186,7 +189,7 @@ def is_arrays(probe: Probe) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras of all files."""
+    """Read the cameras of all files of arrays (NumPy, MATLAB)."""
     return tuple(camera for path in paths for camera in _cameras(path, options))
 
 
@@ -221,7 +224,10 @@ def _load(path: Path) -> dict[str, Floats]:
 
 
 def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None]:
-    """Arrays by name as returned by the libraries; their exceptions are passed on."""
+    """Arrays by name as returned by the libraries, of which exceptions are passed on; None: not real numbers.
+
+    `content` are the bytes of the file.
+    """
     if path.suffix.lower() == ".mat":
         return read_matlab(content, MAX_BYTES)
     _check_unpacked(path, content)
@@ -234,7 +240,10 @@ def _read(path: Path, content: bytes) -> Mapping[str, NDArray[np.generic] | None
 
 
 def _check_unpacked(path: Path, content: bytes) -> None:
-    """InputError for compressed arrays that would decompress to more than a calibration can need."""
+    """InputError for compressed arrays that would decompress to more than a calibration can need.
+
+    `content` are the bytes of the file.
+    """
     size = 0
     if zipfile.is_zipfile(BytesIO(content)):
         with zipfile.ZipFile(BytesIO(content)) as archive:
@@ -271,7 +280,10 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
 
 
 def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
-    """(n, ...) matrices of one shape, cameras first; InputError if missing or if the camera axis is ambiguous."""
+    """(n, rows, columns) matrices of one shape, cameras first, of an array `value` of one or several.
+
+    InputError for another shape, or if the camera axis is ambiguous.
+    """
     if value.ndim == 2 and value.shape == shape:
         return value[None]
     if value.ndim == 3 and value.shape[1:] == shape and not (value.shape[:2] == shape and value.shape[0] == 3):
@@ -290,7 +302,20 @@ def _stack(value: Floats, shape: tuple[int, int], path: Path) -> Floats:
 
 
 def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
-    """Rearrange an array into the parts of n cameras, cameras first."""
+    """Rearrange an array of a file so that the first axis is that of the cameras.
+
+    Args:
+        value: the array.
+        key: what it is: P, K, R, t, size, fisheye, ...
+        n: number of cameras.
+        path: file, for messages.
+
+    Returns:
+        (n, 3, 4) for P, (n, 3, 3) for K and for R as matrices, else (n, number of values).
+
+    Raises:
+        InputError: the shape does not fit n cameras.
+    """
     if key in ("P", "K"):
         return _stack(value, (3, 4) if key == "P" else (3, 3), path)
     if key == "R" and value.ndim >= 2 and value.shape[-2:] != (1, 3) and value.size == 9 * n:
@@ -315,7 +340,7 @@ def _per_camera(value: Floats, key: str, n: int, path: Path) -> Floats:
 
 
 def _model(part: Mapping[str, Floats]) -> str | None:
-    """Lens model; None if not stated."""
+    """Lens model of a camera, by its value `fisheye`; None if not stated."""
     return None if "fisheye" not in part else "equidistant" if part["fisheye"].any() else "brown"
 
 

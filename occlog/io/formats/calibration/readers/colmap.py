@@ -72,7 +72,10 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the images of a model as cameras."""
+    """Read the images of a COLMAP model as cameras.
+
+    InputError without both files; UsageError if the options do not state the unit of lengths.
+    """
     files = {path.name: path for path in paths}
     if set(NAMES) - files.keys():
         raise InputError(f"{paths[0]}: COLMAP's model has {' and '.join(NAMES)}; give both", id="missing-value")
@@ -177,7 +180,10 @@ def _numbers(cells: list[str], where: str) -> Floats:
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """Text of the three files of a model, by name, with an image for each camera; positions in metres."""
+    """Text of the three files of a model, by name, with an image for each camera; positions in metres.
+
+    `late_s` (delays of clocks) cannot be stored.
+    """
     lenses = ["# Camera list with one line of data per camera: CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; the line below each has its points"]
     for n, camera in enumerate(cameras, start=1):

@@ -45,7 +45,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per file, named after the file without `_H` and the like."""
+    """Read one camera per file with a homography, named after the file without `_H` and the like."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -158,6 +158,9 @@ def ground_pose(matrix: Floats, middle: Floats) -> GroundPose | None:
 
 
 def _depth(plain: Floats) -> float:
-    """Depth of the ground on the ray 45 degrees below the optical axis; its sign distinguishes front from back."""
+    """Depth of the ground on the ray 45 degrees below the optical axis; its sign distinguishes front from back.
+
+    `plain` (3, 3) is the homography from the ground to normalised coordinates.
+    """
     ground = np.linalg.solve(plain, np.array([0.0, 1.0, 1.0]))
     return float(plain[2] @ ground / ground[2]) if ground[2] else 0.0

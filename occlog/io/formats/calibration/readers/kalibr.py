@@ -48,7 +48,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras of one chain, named cam0, cam1, ..."""
+    """Read the cameras of one Kalibr chain, named cam0, cam1, ...; InputError for a second chain."""
     if len(paths) > 1:
         raise InputError(
             f"{paths[1]}: a second camera chain; the relative poses of the two are unknown", id="ambiguous-input"
@@ -76,7 +76,10 @@ def _note_clocks(cameras: Mapping[str, Mapping[str, object]], options: Calibrati
 
 
 def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: CalibrationOptions) -> dict[str, Floats]:
-    """Return the camera-from-world transforms (4, 4) of a Kalibr camera chain."""
+    """Return the camera-from-world transforms (4, 4) of a Kalibr camera chain, by name; the options note which world.
+
+    InputError if a camera has none.
+    """
     names = sorted(cameras, key=lambda name: int(name[3:]))
     if names != [f"cam{n}" for n in range(len(names))]:
         raise InputError(
@@ -156,7 +159,8 @@ def _camera(
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:
     """Text of a chain by file name, with the world as the IMU frame; positions in metres.
 
-    `timeshift_cam_imu` is added to the times of images: minus the offset of the clock.
+    `timeshift_cam_imu` is added to the times of images: minus the offset of the clock, which `late_s` has by camera
+    [s].
     """
     chain, names = {}, []
     for n, camera in enumerate(cameras):

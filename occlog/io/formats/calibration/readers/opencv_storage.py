@@ -66,7 +66,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per file, named after the file."""
+    """Read one camera per file of OpenCV's FileStorage, named after the file."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -91,7 +91,10 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def lens_of(values: dict[str, object], where: str) -> Lens:
-    """Lens of a calibration; InputError for an unknown model, or two contradictory ones."""
+    """Lens of a calibration; InputError for an unknown model, or two contradictory ones.
+
+    `values` are those of a file by name.
+    """
     stated: set[str] = set()
     for key, brown, fisheye in ((LENS[0], NO, YES), (LENS[1], NO, YES), (LENS[2], BROWN, FISHEYE)):
         text = str(values.get(key, "")).strip().lower()
@@ -110,7 +113,10 @@ def lens_of(values: dict[str, object], where: str) -> Lens:
 
 
 def unused_keys(values: Mapping[str, object], parts: Sequence[tuple[str, ...]]) -> list[str]:
-    """Keys of a file that are not used."""
+    """Keys of a file that are not used.
+
+    `parts` are the alternative names of each quantity, of which the first that is present is used.
+    """
     used = {next((name for name in names if name in values), "") for names in parts}
     size = next((pair for pair in SIZE if all(key in values for key in pair)), None)
     used |= set(size or [next((key for key in SIZES if key in values), "")])
@@ -118,7 +124,7 @@ def unused_keys(values: Mapping[str, object], parts: Sequence[tuple[str, ...]]) 
 
 
 def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats]:
-    """Rotation (3, 3) and translation (3,) with Xc = R Xw + t."""
+    """Rotation (3, 3) and translation (3,) with Xc = R Xw + t; `values` are those of a file by name."""
     rotation, translation = matrix_of(values, ROTATION, where), matrix_of(values, TRANSLATION, where).reshape(-1)
     if rotation.size == 3:
         rotation = checked_rotation(rotation.reshape(3), where)
@@ -130,7 +136,7 @@ def extrinsics_of(values: dict[str, object], where: str) -> tuple[Floats, Floats
 
 
 def storage_values(text: str, path: Path) -> dict[str, object]:
-    """The named values of a FileStorage, names in small letters; a matrix is a mapping with `data`.
+    """Named values of a FileStorage, names in small letters; a matrix is a mapping with `data`.
 
     Raises:
         InputError: it is not XML, JSON or YAML.
@@ -169,7 +175,19 @@ def _plain(text: str) -> object:
 
 
 def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> Floats:
-    """First of the named values that is present, as an array."""
+    """First of several keys that is present in a file, as an array of floats.
+
+    Args:
+        values: of the file, by key.
+        names: keys to look for, in this order.
+        where: file and camera, for messages.
+
+    Returns:
+        The array, of the shape that an OpenCV matrix states, or that of nested lists.
+
+    Raises:
+        InputError: no key is present, or the value is no array of numbers of the stated shape.
+    """
     key = next((name for name in names if name in values), None)
     if key is None:
         raise InputError(f"{where}: has none of {', '.join(names)}; add one", id="missing-value")
@@ -192,14 +210,14 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
 
 
 def _sizes(value: object) -> tuple[int, ...] | None:
-    """Shape of an OpenCV 5 matrix (`sizes`); None if not stated."""
+    """Shape of an OpenCV 5 matrix by the value of its `sizes`; None if not stated."""
     cells = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
     stated = cells and all(str(cell).isdecimal() and len(str(cell)) <= DIGITS for cell in cells)
     return tuple(int(cell) for cell in cells) if stated else None
 
 
 def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Width and height of the images [px]; None if not stated."""
+    """Width and height of the images [px] in the values of a file; None if not stated."""
     for width, height in SIZE:
         if width in values and height in values:
             try:
@@ -218,7 +236,7 @@ def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """Texts of one file per camera, by name; positions in metres."""
+    """Texts of one file per camera, by name; positions in metres. `late_s` (delays of clocks) cannot be stored."""
     return {f"{camera.name}.yml": _text(camera) for camera in cameras}
 
 

@@ -44,7 +44,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras not marked `ignore`, named by `name` or by their table."""
+    """Read the cameras of TOML files that are not marked `ignore`, named by `name` or by their table."""
     cameras = []
     for path in paths:
         root = toml_values(read_text(path), path, WHAT)
@@ -54,7 +54,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]]]:
-    """Name and content of every table that describes a camera, at the top or second level."""
+    """Generate name and content of every table that describes a camera, at the top or second level of a file."""
     for key, value in root.items():
         if not isinstance(value, dict):
             continue
@@ -68,7 +68,7 @@ def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]
 
 
 def _others(root: Mapping[str, object]) -> Iterator[str]:
-    """Return the keys of a file that belong to no camera."""
+    """Generate the keys of a file that belong to no camera."""
     cameras = {id(table) for _, table in _tables(root)}
     for key, value in root.items():
         inner = value if isinstance(value, dict) else {}

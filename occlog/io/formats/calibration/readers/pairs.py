@@ -61,7 +61,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per pair of files."""
+    """Read one camera per pair of files, intrinsic and extrinsic; InputError for a file without its partner."""
     lenses: dict[str, Path] = {}
     extrinsics: dict[str, Path] = {}
     for path in paths:
@@ -89,7 +89,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def unit_of(paths: list[Path]) -> str:
-    """Default length unit: cm for WILDTRACK, else m."""
+    """Default length unit of calibration files: cm if they are named as WILDTRACK's, else m."""
     return "cm" if {_MARK.sub("", path.stem) for path in paths} <= WILDTRACK.keys() else "m"
 
 

@@ -33,12 +33,19 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per file, named after the file without `_P` and the like."""
+    """Read one camera per file with a projection matrix, named after the file without `_P` and the like."""
     return tuple(_camera(path, options) for path in paths)
 
 
 def matrix_of(text: str) -> Floats:
-    """Parse a matrix separated by spaces or commas; ValueError if it is not one."""
+    """Parse the text of a matrix: a row per line, values separated by spaces or commas; lines with # are skipped.
+
+    Returns:
+        (rows, columns) matrix.
+
+    Raises:
+        ValueError: a value is not a number, or rows have different lengths.
+    """
     rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
     return np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
 
@@ -73,10 +80,20 @@ def camera_of_parts(
     where: str,
     lens: Lens = STRAIGHT,
 ) -> Camera:
-    """Create a camera from intrinsic matrix, camera-from-world rotation and centre in the unit of `options`.
+    """Create a camera from intrinsic matrix, rotation and centre.
 
     A scene has no skew: InputError where it moves a point at the upper or lower edge of the image by more than
     `MAX_SKEW_PX`.
+
+    Args:
+        k: (3, 3) intrinsic matrix.
+        rotation: (3, 3) camera-from-world.
+        centre: (3,) in the unit of `options`.
+        image_size: width and height [px]; None: that of the options.
+        options: unit and image size.
+        name: of the camera.
+        where: file, for messages.
+        lens: distortion.
     """
     check_camera_matrix(k, (image_size or options.image_size or (0, 1080))[1], where)
     pose = Pose(

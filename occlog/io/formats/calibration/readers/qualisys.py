@@ -56,7 +56,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the active cameras of one calibration file, named by their serial numbers."""
+    """Read the active cameras of Qualisys calibration files, named by their serial numbers."""
     cameras = []
     for path in paths:
         root = parse_xml(read_text(path), path)
@@ -67,7 +67,10 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _is_active(element: Element, path: Path) -> bool:
-    """Whether a camera is in use."""
+    """Whether a camera is in use, by the attribute `active` of its `element`, which may be missing (in use).
+
+    InputError unless it is 0, 1, false or true.
+    """
     stated = element.get("active", "1").lower()
     if stated not in ("0", "1", "false", "true"):
         raise InputError(f"{path}: camera {element.get('serial')}: active is {stated}; 0 or 1 was expected")
@@ -127,7 +130,10 @@ def _camera(element: Element, path: Path, options: CalibrationOptions) -> Camera
 
 
 def _region(element: Element, inner: Element, where: str) -> ImageRegion:
-    """Image region: the part of the sensor in `fov_video`, scaled to the rows of `video_resolution`."""
+    """Image region: the part of the sensor in `fov_video`, scaled to the rows of `video_resolution`.
+
+    `element` is that of the camera, `inner` that of its intrinsics.
+    """
     left, top, right, bottom = _limits(required(element, "fov_video", where), where)
     found = element.find("fov_video_max")
     most = (left, top, right, bottom) if found is None else _limits(found, where)

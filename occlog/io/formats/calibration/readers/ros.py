@@ -78,7 +78,10 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read the cameras of all `camera_info` files, with poses from the transforms in the other files."""
+    """Read the cameras of all `camera_info` files, with poses from the transforms in the other files.
+
+    InputError without transforms or cameras.
+    """
     lenses: dict[str, tuple[Path, Mapping[str, object]]] = {}
     tree: dict[str, Transform] = {}
     for path in paths:
@@ -161,7 +164,7 @@ def _parts(value: object, names: str, where: str) -> Floats:
 
 
 def quaternion_rotation(w: float, x: float, y: float, z: float) -> Floats:
-    """(3, 3) rotation of a quaternion, after normalisation."""
+    """(3, 3) rotation of the quaternion w + x i + y j + z k, after normalisation."""
     w, x, y, z = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
     return np.array(
         [
@@ -229,7 +232,7 @@ def _camera(
 
 
 def lens_of(model: str, given: Floats, where: str) -> Lens:
-    """The lens of a `camera_info` by the name of its model and its coefficients.
+    """Lens of a `camera_info` by the name of its model and its coefficients `given`.
 
     Raises:
         InputError: the model is unknown, or has another number of coefficients.
@@ -274,7 +277,7 @@ def region_of(
 
 
 def region_text(name: str, region: ImageRegion, whole: tuple[int, int]) -> str:
-    """Note about an image region."""
+    """Note about the image region of the camera `name`; `whole` is width and height of the sensor [px]."""
     bins = np.round(1.0 / region.scale).astype(int).tolist()
     x, y = region.offset.astype(int).tolist()
     return (
@@ -288,7 +291,10 @@ def _binning(part: Mapping[str, object], where: str) -> tuple[int, int]:
 
 
 def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, where: str) -> tuple[int, int, int, int]:
-    """Offsets and size of the region of interest; all 0 if not stated."""
+    """Offsets x and y, width and height of the region of interest [px]; all 0 if not stated.
+
+    `part` is the `camera_info`, `name` its file.
+    """
     roi = part.get("roi") or {}
     if not isinstance(roi, dict):
         raise InputError(
@@ -301,7 +307,10 @@ def _roi(part: Mapping[str, object], name: str, options: CalibrationOptions, whe
 
 
 def _whole(value: object, where: str) -> int:
-    """Parse a whole number; 0 if not stated."""
+    """Return `value` if it is a whole number, 0 if it is None (not stated); InputError for anything else.
+
+    `where` is the file and key, for messages.
+    """
     if value is None:
         return 0
     if not isinstance(value, int) or isinstance(value, bool):
@@ -315,7 +324,10 @@ def _matrix(part: Mapping[str, object], names: tuple[str, ...], where: str) -> F
 
 
 def texts(cameras: Sequence[Camera], late_s: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG001
-    """Texts of a `camera_info` per camera and of the transforms from `world`, by file name; positions in metres."""
+    """Texts of a `camera_info` per camera and of the transforms from `world`, by file name; positions in metres.
+
+    `late_s` (delays of clocks) cannot be stored.
+    """
     out, transforms = {}, []
     for camera in cameras:
         lens = stated_coefficients(

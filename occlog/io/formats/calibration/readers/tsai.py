@@ -38,7 +38,7 @@ def detect(text: str) -> bool:
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
-    """Read one camera per file, named as in the file."""
+    """Read one camera per file of Tsai's calibration (XML), named as in the file."""
     return tuple(_camera(path, options) for path in paths)
 
 
@@ -72,7 +72,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
 
 
 def _check_pixel(geometry: Element, dpx: float, dpy: float, where: str) -> None:
-    """InputError for inconsistent pixel sizes: dpx must be dx ncx / nfx, and dpy = dy."""
+    """InputError for inconsistent pixel sizes [mm]: dpx must be dx ncx / nfx, and dpy = dy."""
     dx, dy, ncx, nfx = (number(geometry, key, where, 0.0) for key in ("dx", "dy", "ncx", "nfx"))
     for key, size, other in (("dpx", dpx, dx * ncx / nfx if nfx else 0.0), ("dpy", dpy, dy)):
         if other and abs(size / other - 1) > MAX_RATIO:
@@ -83,7 +83,7 @@ def _check_pixel(geometry: Element, dpx: float, dpy: float, where: str) -> None:
 
 
 def rotation_zyx(rx: float, ry: float, rz: float) -> Floats:
-    """(3, 3) rotation Rz Ry Rx of three angles [rad]."""
+    """(3, 3) rotation Rz Ry Rx of the angles rx, ry, rz [rad]."""
     (cx, sx), (cy, sy), (cz, sz) = ((np.cos(a), np.sin(a)) for a in (rx, ry, rz))
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
