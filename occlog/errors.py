@@ -127,13 +127,20 @@ class NoSceneError(UsageError):
     """
 
     def __init__(self, where: object) -> None:
-        """Create the error for the file `where`."""
+        """Create the error that the file `where` holds no scene."""
         super().__init__(f"{where}: holds no scene; give one with {option('scene')}", id="missing-scene")
         self.where = where
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", owner: str = "") -> str:
-    """Hint for an unknown name: its new name, the nearest known names, or all of them."""
+    """Return a hint for an unknown name: `did you mean 'X'?`, or the list of all known names if none is similar.
+
+    Args:
+        name: the unknown name.
+        known: the allowed names.
+        otherwise: words before the list of all names.
+        owner: method or command that the name was given to; its own renamed options come first.
+    """
     names = list(known)
     near = nearest(name, names, owner=owner)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else f"{otherwise} {', '.join(names) or 'none'}"

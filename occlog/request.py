@@ -103,7 +103,14 @@ class PluginField:
 
 
 def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> Any:
-    """Declare a field of selected plug-ins, a tuple of `occlog.plugins.loading.Chosen`."""
+    """Declare a request field of selected plug-ins, a tuple of `occlog.plugins.loading.Chosen`; by default empty.
+
+    Args:
+        kind: kind of plug-in, for example `filter`.
+        help: text for the help of the option.
+        option: the command's option, which may be repeated.
+        kinds: kinds of input that the plug-ins are for; empty: all.
+    """
     return field(default=(), metadata={"plugged": PluginField(kind, help, option, kinds)})
 
 
@@ -114,7 +121,14 @@ def source(help: str, *, required: bool | None = None, **declared_of: Any) -> An
 
 
 def sink(help: str, table: str = "", *, required: bool = False, **declared_of: Any) -> Any:
-    """Declare a field that names a file to write."""
+    """Declare a request field that names a file to write.
+
+    Args:
+        help: sentence for the help of the option.
+        table: name of the table that the file holds; empty: it holds none.
+        required: false: the default is None, and nothing is written.
+        **declared_of: further fields of the `File` declaration.
+    """
     return _file(File(help, output=True, table=table, **declared_of), required)
 
 
@@ -124,7 +138,13 @@ def _file(of: File, required: bool) -> Any:
 
 
 def output_file(help: str, table: str = "", result: str = "") -> Any:
-    """Declare the main output, `-o/--output`."""
+    """Declare the main output of a command, `-o/--output`, which is required.
+
+    Args:
+        help: sentence for the help of the option.
+        table: name of the table that it holds; empty: none.
+        result: name of the output in the results of the Python interface; empty: that of the table.
+    """
     return sink(help, table, required=True, option="-o/--output", result=result)
 
 
@@ -139,7 +159,7 @@ def seed_of_all() -> Any:
 
 
 def number_of_threads() -> Any:
-    """Declare the number of threads, `--workers`."""
+    """Declare the number of threads, `--workers`; None: one for each processor."""
     words = "Number of threads; results do not depend on it. [default: one per processor]"
     return setting(None, words, at_least=1, option="--workers", shown="")
 
@@ -201,12 +221,12 @@ class Request(Settings):
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that are read, without duplicates."""
+        """Paths of all input files, in the order of the fields, without duplicates."""
         return list(dict.fromkeys(self.files(output=False).values()))
 
     @property
     def outputs(self) -> list[Path]:
-        """All files that are written."""
+        """Paths of all output files, in the order of the fields."""
         return list(self.files(output=True).values())
 
 
@@ -231,13 +251,13 @@ class RequestEntry(NamedTuple):
 
     @property
     def file(self) -> File | None:
-        """Declaration of a file."""
+        """Declaration of the file that the field names; None if the field is no file."""
         found: File | None = self.of.metadata.get("file")
         return found
 
     @property
     def plugged(self) -> PluginField | None:
-        """Declaration of plug-ins."""
+        """Declaration of the plug-ins that the field selects; None if it selects none."""
         found: PluginField | None = self.of.metadata.get("plugged")
         return found
 
@@ -248,7 +268,7 @@ class RequestEntry(NamedTuple):
 
     @property
     def required(self) -> bool:
-        """Whether it must be given."""
+        """Whether the field has no default and must be given."""
         return self.of.default is MISSING and self.of.default_factory is MISSING
 
     @property
@@ -439,11 +459,11 @@ def _key(f: Field[Any]) -> str:
 
 
 def _under(under: str, name: str) -> str:
-    """A prefixed name as a Python identifier."""
+    """Return `name` with a prefix as a Python identifier: `_` in the prefix for other characters, and after it."""
     return "".join(c if c.isalnum() else "_" for c in f"{under}_") + name if under else name
 
 
 def load(where: str) -> Any:
-    """Import the value of `module:name`."""
+    """Import the object that `where` names as `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)

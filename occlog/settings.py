@@ -130,12 +130,21 @@ class Declaration:
 
 
 def setting(default: Any, help: str, **declared: Any) -> Any:
-    """Declare a field of a settings class; see `Declaration` for the parameters."""
+    """Declare a field of a settings class, for use as its default in a dataclass.
+
+    Args:
+        default: default value, lengths in metres (see `default_in`).
+        help: sentence for the help of the option and for the documentation.
+        **declared: further fields of the `Declaration`.
+    """
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
 def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
-    """Declare a field like that of another settings class, with some changes."""
+    """Declare a field with the default and `Declaration` of the field `name` of the settings class `of`.
+
+    `help` and `declared` replace the help and other fields of that declaration.
+    """
     other = next(f for f in fields(of) if f.name == name)
     return field(default=other.default, metadata={"setting": replace(declaration(other), help=help, **declared)})
 
@@ -147,7 +156,7 @@ def declaration(of: Field[object]) -> Declaration:
 
 
 def listed(text: str) -> tuple[str, ...]:
-    """Names separated by commas."""
+    """Names in a text, separated by commas; spaces around them and empty ones are dropped."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
@@ -239,7 +248,11 @@ def declared(of: type[Settings]) -> tuple[Field[object], ...]:
 
 
 def default_in(f: Field[object], length_unit: str) -> object:
-    """Default of a setting for a length unit; lengths of people are declared in metres and converted."""
+    """Default value of the settings field `f` for a scene in `length_unit`.
+
+    Lengths are declared in metres, and converted to that unit by the power of length in the setting's unit; a unit
+    other than those of `METRES` is specific to the scene, and takes the setting's `own` default.
+    """
     spec = declaration(f)
     if length_unit not in METRES:
         return f.default if spec.own is None else spec.own
@@ -324,7 +337,13 @@ def optional(kind: object) -> bool:
 
 
 def read_value(text: str, kind: object, name: str) -> object:
-    """Parse a text to a value; UsageError if invalid."""
+    """Parse a text to the value of a setting; UsageError if invalid.
+
+    Args:
+        text: for example `0.5`, `yes` or `a,b`; `none` or nothing is None where the setting is optional.
+        kind: type annotation of the setting.
+        name: of the setting, for the message.
+    """
     if optional(kind) and text.strip().lower() in ("none", ""):
         return None
     plain = plain_kind(kind)

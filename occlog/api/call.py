@@ -62,7 +62,10 @@ def settings_by_class(
 
 
 def declared_value(of: type[Settings], name: str, value: object) -> object:
-    """Convert a value to the setting's type, so that 1 and 1.0, or a list and a tuple, are equivalent."""
+    """Return a value in the type of the field `name` of the settings class `of`: 1 becomes 1.0, a list a tuple.
+
+    NumPy scalars become Python numbers, names of a sequence a text with commas. Values are not checked here.
+    """
     kind = kind_of(of, name)
     plain = plain_kind(kind)
     if isinstance(value, np.generic):
@@ -196,7 +199,13 @@ def _arguments_of(form: Form) -> set[str]:
 
 
 def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
-    """Return the paths of the output tables by request field."""
+    """Return the paths of the requested output files by request field.
+
+    Args:
+        form: of the request.
+        arguments: of the call; an output is requested by its path, or by True, which takes a file in `home`.
+        home: temporary folder of the result.
+    """
     found = {}
     for entry in form.entries():
         of = entry.file
@@ -221,7 +230,14 @@ def _asked(entry: RequestEntry, of: File, arguments: Mapping[str, Any]) -> bool:
 
 
 def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs, called: Mapping[str, str]) -> object:
-    """Convert an argument to the type of the request's field."""
+    """Return an argument as the type of the request's field; None if it is missing, or names an output.
+
+    Args:
+        entry: the field.
+        arguments: of the call, by field.
+        inputs: writes tables and arrays to files that the request can name.
+        called: argument names that differ from the fields, for named inputs such as `NAME=FILE`.
+    """
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
         return None
@@ -264,7 +280,13 @@ def _named(inputs: CallInputs, value: Any, name: str) -> Path:
 
 
 def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, object]]:
-    """Settings by group field, from a mapping or from keywords."""
+    """Return the settings of a request by field of the request: for each group the values by setting.
+
+    Args:
+        form: of the request.
+        arguments: of the call; a group is a mapping (or True: its defaults), or its settings are single entries of
+            `settings`, with the prefix of the group.
+    """
     classes = form.classes()
     nested = {name for name in classes if name in arguments and name != "settings"}
     names = [entry.field for entry in form.entries() if entry.group is None]

@@ -26,7 +26,7 @@ class Folder:
     """A temporary folder, removed with the last reference to it, or when Python ends."""
 
     def __init__(self) -> None:
-        """Create it in `TMPDIR`."""
+        """Create the folder under `TMPDIR`; it is deleted with this object, or by `remove`."""
         self.path = _Home.of_this_process().new()
         # Unlike those of `weakref`, these run in the end of a process of `multiprocessing`, too, and not in a copy
         # that was forked
@@ -68,7 +68,7 @@ class _Home:
         return home
 
     def new(self) -> Path:
-        """Create a folder in it."""
+        """Create an empty subfolder, named by the next number, and return its path."""
         path = self.path / str(next(self._numbers))
         path.mkdir(mode=0o700)
         return path

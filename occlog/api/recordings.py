@@ -93,7 +93,7 @@ class Recording:
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables that it holds."""
+        """Names of the tables that the recording holds."""
         return tuple(name for name, table in TABLES.items() if self._opened.has(table))
 
     @property
@@ -122,7 +122,7 @@ class Recording:
         return f"<occlog recording {self.source.name}: tables {', '.join(self.tables) or 'none'}; sensors {sensors}>"
 
     def _repr_html_(self) -> str:
-        """Tables, sensors and losses, for a notebook."""
+        """Return an HTML table of the recording's tables, sensors, summary and losses, which notebooks show."""
         rows = {
             "tables": ", ".join(self.tables),
             "sensors": ", ".join(f"{s.name} ({s.kind})" for s in self.sensors),
@@ -231,7 +231,7 @@ class ArrowStream(Protocol):
     """A table in memory with the Arrow PyCapsule interface: of polars, DuckDB, pyarrow or similar."""
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
-        """A capsule of an Arrow C stream."""
+        """Return a PyCapsule of an `ArrowArrayStream`, as the Arrow PyCapsule interface specifies."""
 
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | Recording | ArrowStream | pd.DataFrame | Mapping[str, Any]"
@@ -264,7 +264,7 @@ class CallInputs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Delete the temporary files; errors name arguments instead of files."""
+        """Delete the temporary files; texts of an `OcclogError` name the arguments of the call instead of files."""
         self._folder.remove()
         if isinstance(error, OcclogError):
             error.args = (self.named(str(error)),)
@@ -296,7 +296,7 @@ class CallInputs:
         return path
 
     def optional(self, value: Source | None, name: str) -> Path | None:
-        """The file with the rows that an argument gives; None for None."""
+        """Return the path of a file with the rows of an argument (as `rows`); None for None."""
         return None if value is None else self.rows(value, name)
 
     def scene(self, value: SceneSource | None) -> Path | None:

@@ -375,7 +375,14 @@ def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
 
 
 def _named(value: object, argument: str) -> tuple[str, ...]:
-    """Return arguments of the command: `VALUE` or `NAME=VALUE`; UsageError for a name that no sensor can have."""
+    """Return an argument as the texts that the command takes: `NAME=VALUE` for mappings, else `VALUE`.
+
+    Args:
+        value: mapping from sensor to value, sequence of values, or one value; None gives ().
+        argument: its name, for messages.
+
+    UsageError for a name that no sensor can have.
+    """
     if value is None:
         return ()
     if isinstance(value, Mapping):
@@ -406,7 +413,13 @@ def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> t
 
 
 def _pair(value: tuple[int, int] | None, name: str, fits: bool) -> tuple[int, int] | None:
-    """Two whole numbers, or None; UsageError for anything else."""
+    """Return two whole numbers as a tuple, or None for None.
+
+    Args:
+        value: (first, stop) of frames, or (width, height) of images.
+        name: of the argument, for the message.
+        fits: whether the values are valid; UsageError if not, or if there are not two.
+    """
     if value is None:
         return None
     if len(value) != 2 or not fits:
@@ -564,7 +577,10 @@ def track(
 
 
 def _method_for(source: Source, scene: object) -> str:
-    """The method that fits what is in a file, a table or a recording; the default for other values."""
+    """Return the tracking method that fits the contents of `source` and of the scene.
+
+    Files, tables and recordings are inspected; for other values it is the default method.
+    """
     path, place = (each.source if isinstance(each, Table | Recording) else each for each in (source, scene))
     if not isinstance(path, str | Path):
         return TRACK_VERB.default

@@ -57,12 +57,12 @@ class Table:
 
     @property
     def name(self) -> str:
-        """Name of the table, for example `tracks`."""
+        """Name of the kind of table, for example `tracks`."""
         return str(self._described["schema"])
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns."""
+        """Names of the columns in their order."""
         return tuple(c["name"] for c in self._described["columns"])
 
     @property
@@ -87,7 +87,7 @@ class Table:
         return tuple(Loss(**loss) for loss in self.provenance.get("losses", ()))
 
     def __len__(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         return int(self._described["rows"])
 
     def __getitem__(self, column: str) -> NDArray[Any]:

@@ -37,7 +37,10 @@ class Input(click.Path):
         self.some = some
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path; for `-`, of a temporary file (allowed for one input only)."""
+        """Return the path that `value` names; for `-` that of a temporary file with all of standard input.
+
+        Usage error if `-` is given for a second input.
+        """
         if str(value) != STANDARD_INPUT or ctx is None or ctx.resilient_parsing:
             return Path(str(super().convert(value, param, ctx)))
         root = ctx.find_root()

@@ -32,7 +32,7 @@ class _Output(io.FileIO):
     """A standard stream; after a failure, further output is discarded."""
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Write bytes; a failure is reported once."""
+        """Write `data` and return the number of bytes; the first failure is reported, later ones write nowhere."""
         try:
             return super().write(data)
         except OSError as error:

@@ -30,7 +30,16 @@ def image(k: int, size: tuple[int, int] = SIZE) -> Image:
 
 
 def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = None) -> list[Detected]:
-    """Run a detector on images; BrokenError where it fails, or returns impossible boxes."""
+    """Run a detector of class `of` on images and return its detections of each.
+
+    Args:
+        of: class of the plug-in.
+        images: frames in the order of time.
+        what: words for the call in messages.
+        own: detector that goes on; None: a new one.
+
+    BrokenError if it raises, or returns impossible boxes.
+    """
     with called("a new detector"):
         seeing = start(of) if own is None else own
     found = []
@@ -44,18 +53,18 @@ def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = N
 
 
 def start(of: Any, seed: int = 1) -> Any:
-    """A new detector with its defaults."""
+    """Return a new detector of class `of` with its default settings and random numbers of `seed`."""
     return of(defaults(of), np.random.default_rng(seed))
 
 
 def as_bytes(found: Iterable[Detected]) -> list[tuple[bytes, ...]]:
-    """Boxes, to be compared."""
+    """Return boxes, scores and embeddings of each image as bytes of float64, for an exact comparison."""
     values = [(each.boxes, each.scores, () if each.embeddings is None else each.embeddings) for each in found]
     return [tuple(np.asarray(v, dtype=np.float64).tobytes() for v in each) for each in values]
 
 
 def use(of: Any) -> list[tuple[bytes, ...]]:
-    """Detections in a short film."""
+    """Run the detector class `of` on four images; return its detections as bytes (`as_bytes`)."""
     return as_bytes(film(of, (image(k) for k in range(4))))
 
 
@@ -78,17 +87,17 @@ def check_shape(of: Any) -> None:
 
 
 def check_finite(of: Any) -> None:
-    """Boxes and embeddings are numbers."""
+    """Check that the boxes and embeddings which a detector returns are finite numbers."""
     _refuse(of, "boxes are not finite", "embeddings are not finite")
 
 
 def check_sizes(of: Any) -> None:
-    """Widths and heights are above 0."""
+    """Check that widths and heights of the returned boxes are above 0."""
     _refuse(of, "box ")
 
 
 def check_scores(of: Any) -> None:
-    """Scores are 0 to 1."""
+    """Check that the returned scores are from 0 to 1."""
     _refuse(of, "score ")
 
 
@@ -129,7 +138,7 @@ def check_independent(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """The image stays as it is."""
+    """Check that a detector leaves the given image unchanged."""
     for k in range(4):
         given = image(k)
         film(of, [given])
@@ -150,7 +159,7 @@ def check_results(of: Any) -> None:
 
 
 def check_read_only(of: Any) -> None:
-    """Images may be read only."""
+    """Check that a detector accepts an image whose array is read-only."""
     given = image(0)
     given.flags.writeable = False
     film(of, [given], "an image that is read only: detect")

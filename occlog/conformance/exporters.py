@@ -26,7 +26,17 @@ def taken(of: Any) -> Iterator[ColumnTable]:
 
 
 def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = None) -> bytes:
-    """Run an exporter and return its output; BrokenError where it fails."""
+    """Run an exporter of class `of` on a table and return the bytes that it writes.
+
+    Args:
+        of: class of the plug-in.
+        rows: table to export.
+        what: words for the call in messages.
+        unit: unit of the lengths of the table.
+        own: exporter that goes on; None: a new one.
+
+    BrokenError if it raises, or closes the file.
+    """
     file = io.BytesIO()
     with called(what):
         (of(defaults(of, unit)) if own is None else own).write(rows, ExportContext(unit, SCENE), Sink(file))
@@ -36,7 +46,7 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
 
 
 def use(of: Any) -> list[bytes]:
-    """Output of all samples."""
+    """Return the bytes that a new exporter writes for each sample table that it takes."""
     return [write(of, rows, f"writing {rows.NAME}") for rows in taken(of)]
 
 
@@ -70,7 +80,7 @@ def check_rows(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """The rows stay as they are."""
+    """Check that an exporter leaves the rows of each sample table unchanged."""
     for rows in taken(of):
         before = {c.name: getattr(rows, c.name).tobytes() for c in rows.columns()}
         write(of, rows, f"writing {rows.NAME}")
@@ -80,19 +90,19 @@ def check_inputs(of: Any) -> None:
 
 
 def check_empty(of: Any) -> None:
-    """A table without rows can be written."""
+    """Check that a table without rows can be written."""
     for rows in taken(of):
         write(of, type(rows).empty(), f"writing {rows.NAME} without rows")
 
 
 def check_one_row(of: Any) -> None:
-    """A single row can be written."""
+    """Check that a table of one row can be written."""
     for rows in taken(of):
         write(of, rows.take(slice(0, 1)), f"writing one row of {rows.NAME}")
 
 
 def check_absent_values(of: Any) -> None:
-    """Columns that may be NaN can be."""
+    """Check that tables can be written with NaN in all columns that may be NaN."""
     for rows in taken(of):
         write(of, with_gaps(rows), f"writing {rows.NAME} with NaN wherever it may be")
 
@@ -113,7 +123,7 @@ def check_old_times(of: Any) -> None:
 
 
 def check_exact_times(of: Any) -> None:
-    """Times that differ are distinguished."""
+    """Check that the output differs if all times are 1 ms later."""
     for rows in taken(of):
         columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
         later = type(rows).of(**{**columns, "t_ns": rows.t_ns + np.int64(10**6)})  # type: ignore[attr-defined]
@@ -131,7 +141,7 @@ def check_unit(of: Any) -> None:
 
 
 def check_reuse(of: Any) -> None:
-    """An exporter can write several files."""
+    """Check that one exporter writes the same table twice with equal output."""
     own = of(defaults(of))
     for rows in taken(of):
         first = write(of, rows, "writing", own=own)

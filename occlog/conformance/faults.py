@@ -28,7 +28,7 @@ class Fault(NamedTuple):
 
 
 class BrokenError(Exception):
-    """A check found a fault."""
+    """Raised by a check that finds a fault in a plug-in; the message states how its promise is broken."""
 
 
 Check = Callable[[Any], None]
@@ -52,7 +52,7 @@ def words(error: BaseException) -> str:
 
 
 def defaults(of: Any, length_unit: str = "m") -> Settings:
-    """The default settings of a plug-in."""
+    """Return the default settings of the plug-in class `of` for lengths in `length_unit`."""
     found: Settings = of.settings.in_unit(length_unit)
     return found
 
@@ -164,7 +164,10 @@ USES = 5
 
 
 def faults_by(checks: Mapping[str, Check], of: Any) -> list[Fault]:
-    """The promises that a class breaks; where the interface itself is broken nothing else is tried."""
+    """Run the checks on the plug-in class `of`; return a `Fault` for each that fails, under its name in `checks`.
+
+    Its output and warnings are dropped. After a fault of the interface itself (`FIRST`) no other check is run.
+    """
     found = []
     for name, check in checks.items():
         try:

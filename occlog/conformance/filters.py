@@ -32,13 +32,25 @@ Of = type[Filter]
 def run(
     of: Of, walk: Iterable[TargetScan], *, scene: SampleWalk = PLAIN, seed: int = 1
 ) -> list[EstimatedPosition | None]:
-    """Run a filter on a walk; BrokenError where it fails, or returns an impossible position."""
+    """Run a new filter of class `of` on the scans of a walk; return its estimate at each, None where there is none.
+
+    Args:
+        of: class of the filter.
+        walk: time steps, in order.
+        scene: sample walk that gives the sensors and the unit of length.
+        seed: of its random numbers.
+
+    BrokenError if it raises, or returns an impossible position.
+    """
     own = start(of, scene, seed)
     return [step(own, scan) for scan in walk]
 
 
 def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
-    """A new filter with its defaults."""
+    """Return a new filter of class `of` with default settings, the sensors of `scene` and random numbers of `seed`.
+
+    BrokenError if its constructor raises.
+    """
     try:
         return of(scene.scene, of.settings.in_unit(scene.scene.length_unit), np.random.default_rng(seed))
     except Exception as error:
@@ -46,7 +58,10 @@ def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
 
 
 def step(own: Filter, scan: TargetScan) -> EstimatedPosition | None:
-    """A step; BrokenError as in `run`."""
+    """Return the estimate of the filter `own` at a time step, or None.
+
+    BrokenError if it raises, or returns an impossible position.
+    """
     try:
         estimate = own.step(scan)
     except Exception as error:
@@ -62,7 +77,16 @@ def _bytes(estimates: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, .
 
 
 def _alike(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> None:
-    """BrokenError unless the filter finds in another world what it finds in the plain one."""
+    """Check that a filter finds the same positions in a shifted or scaled world as in the plain one.
+
+    Args:
+        of: class of the filter.
+        walk: the other world.
+        scans: time steps in it.
+        what: words for that world in messages.
+
+    BrokenError if, after `SETTLED` steps, positions differ by more than `SAME` standard deviations.
+    """
     plain, other = run(of, PLAIN), run(of, scans, scene=walk)
     for n, (a, b) in enumerate(zip(plain, other, strict=True)):
         if n < SETTLED:
@@ -78,7 +102,7 @@ def _alike(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> 
 
 
 def check_shape(of: Of) -> None:
-    """Positions are `EstimatedPosition`s of the right shapes."""
+    """Check that estimates are `EstimatedPosition`s with arrays of the declared shapes."""
     for estimate in _raw(of):
         wrong = None if estimate is None else fault_of(estimate)
         if wrong is not None and "definite" not in wrong and "symmetric" not in wrong and "finite" not in wrong:
@@ -86,17 +110,17 @@ def check_shape(of: Of) -> None:
 
 
 def check_finite(of: Of) -> None:
-    """Positions are numbers."""
+    """Check that estimated positions and covariances are finite."""
     _refuse(of, "finite")
 
 
 def check_symmetric(of: Of) -> None:
-    """Covariances are symmetric."""
+    """Check that covariances of estimates are symmetric."""
     _refuse(of, "symmetric")
 
 
 def check_definite(of: Of) -> None:
-    """Covariances are positive definite."""
+    """Check that covariances of estimates are positive definite."""
     _refuse(of, "definite")
 
 
@@ -157,7 +181,7 @@ def check_independent(of: Of) -> None:
 
 
 def check_inputs(of: Of) -> None:
-    """Check that inputs are not changed."""
+    """Check that `step` leaves the arrays of the given scan unchanged."""
     own = start(of)
     for scan in FEW:
         copy = [np.array(v) for v in scan[2:]]
@@ -277,13 +301,13 @@ def check_wrap(of: Of) -> None:
 
 
 def check_shift(of: Of) -> None:
-    """The origin can be anywhere."""
+    """Check that estimates do not depend on the origin of the world, by a shift of about 2 km."""
     shifted = replace(PLAIN, shift=(1000.0, -2000.0))
     _alike(of, shifted, shifted, "in a world shifted by 2 km")
 
 
 def check_unit(of: Of) -> None:
-    """Lengths can be in centimetres."""
+    """Check that estimates do not depend on the unit of length, by a world in centimetres."""
     scaled = replace(PLAIN, scale=100.0)
     _alike(of, scaled, scaled, "in centimetres")
 

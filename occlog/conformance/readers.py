@@ -55,12 +55,12 @@ def checks_with(sample: Path) -> dict[str, Check]:
             raise BrokenError(f"the sample's name, {sample.name}, ends in none of {', '.join(endings)}")
 
     def check_table(of: Any) -> None:
-        """The table is one of this program's."""
+        """Check that the table which the reader names is one of occlog's (`TABLES`)."""
         if of.table not in TABLES:
             raise BrokenError(f"table is {of.table!r}; expected one of {', '.join(TABLES)}")
 
     def check_columns(of: Any) -> None:
-        """Columns have names and one length."""
+        """Check that the sample file gives columns of valid names and equal lengths, with at least one row."""
         if not len(next(iter(read(of).values()))):  # type: ignore[arg-type]
             raise BrokenError("the sample gives no rows; give one that has some")
 
@@ -112,7 +112,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError("read changes the file, or leaves another one next to it")
 
     def check_closed(of: Any) -> None:
-        """Files are closed."""
+        """Check that `read` leaves no file open (on systems with /proc)."""
         opened = Path("/proc/self/fd")
         if not opened.is_dir():
             return
@@ -124,7 +124,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             raise BrokenError("read leaves a file open; open it in a with statement")
 
     def check_reuse(of: Any) -> None:
-        """A reader can read several files."""
+        """Check that one reader object reads the sample file twice with equal results."""
         own = of(defaults(of))
         with called("read"):
             first, second = own.read(sample), own.read(sample)
@@ -169,7 +169,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])
 
     def check_garbage(of: Any) -> None:
-        """Bytes of another format are refused."""
+        """Check that a file of random bytes is refused."""
         damaged(of, "a file of other bytes", np.random.default_rng(3).bytes(2_000), refused=True)
 
     def check_flipped(of: Any) -> None:

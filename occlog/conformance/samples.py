@@ -32,7 +32,7 @@ def _moments(start_ns: int) -> tuple[Any, Any]:
 
 
 def _places(target: Any, seconds: Any) -> Any:
-    """(n, 2) true positions [m]."""
+    """Return true positions (n, 2) [m] of the targets (n,) at `seconds` (n,) after the start."""
     return np.column_stack([-6.0 + 0.8 * seconds + 0.1 * target, 4.0 + np.sin(seconds) - target])
 
 
@@ -48,14 +48,26 @@ def _rows(table: type[T], **values: Any) -> T:
 
 
 def truth(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Truth:
-    """True positions of both."""
+    """Return the true positions of two targets (ids 3 and 8) at `N_STEPS` times.
+
+    Args:
+        start_ns: first time [ns].
+        scale: unit of the result per metre.
+        shift: added to x and y [m].
+    """
     t_ns, target = _moments(start_ns)
     xy = scale * (_places(target, (t_ns - start_ns) / NS) + shift)
     return _rows(Truth, t_ns=t_ns, target_id=target, role=np.full(len(t_ns), "target"), x=xy[:, 0], y=xy[:, 1])
 
 
 def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
-    """Estimates of both, some decimetres off; the second one is missing for a while."""
+    """Return estimates of the two targets of `truth`, with noise of 0.3 m; target 8 is missing at 3 of 10 times.
+
+    Args:
+        start_ns: first time [ns].
+        scale: unit of the result per metre.
+        shift: added to x and y [m].
+    """
     t_ns, target = _moments(start_ns)
     xy = _places(target, (t_ns - start_ns) / NS) + np.random.default_rng(1).normal(0.0, 0.3, (len(t_ns), 2)) + shift
     variance = np.full(len(t_ns), 0.09 * scale**2)
@@ -75,7 +87,7 @@ def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, 
 
 
 def errors(found: Tracks, true: Truth) -> Errors:
-    """Estimate minus truth, paired by identity."""
+    """Return estimate minus truth for each row of `found`, paired by time and identity; each row must have a truth."""
     index_of = {(t, k): n for n, (t, k) in enumerate(zip(true.t_ns.tolist(), true.target_id.tolist(), strict=True))}
     pairs = zip(found.t_ns.tolist(), found.target_id.tolist(), strict=True)
     row = np.array([index_of[pair] for pair in pairs], dtype=np.int64)
@@ -98,7 +110,14 @@ def errors(found: Tracks, true: Truth) -> Errors:
 def compared(
     start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0), unit: str = "m"
 ) -> MetricInput:
-    """Tracks, truth and errors."""
+    """Return the tracks, truth and errors of the two sample targets, as input of a metric.
+
+    Args:
+        start_ns: first time [ns].
+        scale: unit of the tables per metre.
+        shift: added to x and y [m].
+        unit: name of the unit of length.
+    """
     found, true = tracks(start_ns, scale=scale, shift=shift), truth(start_ns, scale=scale, shift=shift)
     return MetricInput(found, true, errors(found, true), unit)
 
@@ -245,13 +264,13 @@ class SampleWalk:
 
     @property
     def truth(self) -> Floats:
-        """(time steps, 2) true positions."""
+        """(n_steps, 2) true positions of the target, in the walk's unit of length."""
         t = np.arange(self.n_steps) * (WALK_STEP_NS / NS)
         return self.at(np.column_stack([-10.0 + 0.5 * t, 5.0 + 2.0 * np.sin(0.3 * t)]))
 
     @property
     def scene(self) -> Scene:
-        """The sensors."""
+        """Scene of the walk's three microphone arrays."""
         positions = self.at(PLACES)
         arrays = (MicrophoneArray(n, np.array([*xy, 0.0]), planar=True) for n, xy in zip(NAMES, positions, strict=True))
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
@@ -284,10 +303,10 @@ def blind(scan: TargetScan) -> TargetScan:
 
 
 def without_sensors(scan: TargetScan) -> TargetScan:
-    """The time step without any frame."""
+    """Return the scan without any sensor or bearing, as in a time step without frames."""
     return scan._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 
 
 def later(scan: TargetScan, seconds: float) -> TargetScan:
-    """The time step at another time."""
+    """Return the scan with a time that is `seconds` later."""
     return scan._replace(t_ns=scan.t_ns + round(seconds * NS))

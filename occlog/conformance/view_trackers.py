@@ -31,7 +31,13 @@ def edges(k: int) -> Floats:
 
 
 def frame(k: int, boxes: Floats | None = None, *, t_ns: int | None = None) -> BoxesInFrame:
-    """The k-th frame."""
+    """Return the boxes of frame `k` of the sample walk.
+
+    Args:
+        k: number of the frame.
+        boxes: (n, 4) left, top, width and height [px] in place of those of the walk.
+        t_ns: time [ns] in place of that of the frame.
+    """
     there = edges(k) if boxes is None else boxes
     return BoxesInFrame(
         t_ns=START_NS + k * STEP_NS if t_ns is None else t_ns,
@@ -43,13 +49,16 @@ def frame(k: int, boxes: Floats | None = None, *, t_ns: int | None = None) -> Bo
 
 
 def start(of: Any, seed: int = 1) -> Any:
-    """A new tracker with its defaults."""
+    """Return a new tracker of class `of` with its default settings and random numbers of `seed`."""
     with called("a new tracker"):
         return of(defaults(of), np.random.default_rng(seed))
 
 
 def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
-    """The identities of a frame; BrokenError where the tracker fails, or gives back what none can be."""
+    """Return the identities (n,) that the tracker `own` gives to the boxes of the frame `found`.
+
+    BrokenError, with the words `what` for the call, if it raises, or returns impossible identities.
+    """
     with called(what):
         ids = own.step(found)
     wrong = fault_of(ids, len(found.boxes))
@@ -59,18 +68,21 @@ def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
 
 
 def run(of: Any, frames: Iterable[BoxesInFrame], what: str = "step") -> list[list[int]]:
-    """The identities of all frames."""
+    """Run a new tracker of class `of` on frames; return the identities of the boxes of each frame.
+
+    `what`: words for the call in messages of a BrokenError.
+    """
     own = start(of)
     return [step(own, each, what).tolist() for each in frames]
 
 
 def walk(count: int = FRAMES) -> list[BoxesInFrame]:
-    """Frames of the plain walk."""
+    """Return the first `count` frames of the sample walk of two people."""
     return [frame(k) for k in range(count)]
 
 
 def use(of: Any) -> list[list[int]]:
-    """The identities of a short walk."""
+    """Return the identities that a new tracker of class `of` gives to the boxes of 15 frames."""
     return run(of, walk(15))
 
 
@@ -98,7 +110,7 @@ def check_shape(of: Any) -> None:
 
 
 def check_numbers(of: Any) -> None:
-    """Identities are at least 0, or -1."""
+    """Check that identities are at least 0, or -1 (none)."""
     _raw(of, lambda wrong: "must be at least 0" in wrong)
 
 
@@ -156,7 +168,7 @@ def check_independent(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """Check that inputs are not changed."""
+    """Check that `step` leaves the arrays of the given frame unchanged."""
     own = start(of)
     for each in walk(15):
         before = [np.array(value) for value in each[2:]]
@@ -194,19 +206,19 @@ def check_empty(of: Any) -> None:
 
 
 def check_crowd(of: Any) -> None:
-    """Many can come at once, and go."""
+    """Check that 60 more people can enter in one frame, and leave in one."""
     rng = np.random.default_rng(2)
     many = np.column_stack([rng.uniform(0, 1900, 60), rng.uniform(0, 1000, 60), np.full(60, 20.0), np.full(60, 50.0)])
     run(of, [*walk(5), *(frame(k, many + k) for k in range(5, 9)), *(frame(k) for k in range(9, 15))], "a crowd: step")
 
 
 def check_same_box(of: Any) -> None:
-    """A detector can report one box twice."""
+    """Check that a tracker accepts a box that a detector reports twice."""
     run(of, [frame(k, edges(k)[[0, 0, 1]]) for k in range(15)], "a box that is there twice: step")
 
 
 def check_unknown_scores(of: Any) -> None:
-    """Scores can be unknown."""
+    """Check that a tracker accepts NaN as scores."""
     frames = [each._replace(scores=np.full(2, np.nan)) for each in walk(15)]
     run(of, frames, "scores that are NaN: step")
 
@@ -225,7 +237,7 @@ def check_gap(of: Any) -> None:
 
 
 def check_same_time(of: Any) -> None:
-    """Two frames can have the same time."""
+    """Check that a tracker accepts two frames with the same time."""
     run(of, [frame(k, t_ns=START_NS + k // 2 * STEP_NS) for k in range(15)], "two frames of one time: step")
 
 

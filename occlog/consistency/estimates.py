@@ -168,7 +168,10 @@ class QualityFlags:
         self._misses = None if occluders or distances else PlainViewMisses(scene)
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
-        """Return the rows with quality flags, and with widened covariances where the distance is unknown."""
+        """Return the rows with quality flags, and with wider covariances where the distance is unknown.
+
+        `diagnostics` are of the same estimates as `tracks`; both are copied.
+        """
         if not len(tracks):
             return tracks, diagnostics
         by = [tuple(name for name in text.split(",") if name) for text in diagnostics.seen_by.tolist()]
@@ -194,7 +197,13 @@ class QualityFlags:
         return tracks, Diagnostics(**(columns | {"quality_flags": np.array(doubt, dtype=np.str_)}))
 
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
-        """(N,) mask of estimates that at least half of the sensors that detected the target cannot see."""
+        """Return the mask (N,) of estimates that at least half of the sensors that detected the target cannot see.
+
+        Args:
+            xy: (N, 2) estimates.
+            covariance: (N, 2, 2) of them.
+            by: names of the sensors that detected the target, for each estimate.
+        """
         saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
         for c in self._sensors:
             rows = np.array([c.name in names for names in by], dtype=np.bool_)
@@ -320,7 +329,7 @@ class SensorDisagreement:
     """Sets the flag `inconsistent_sensor` of a run's rows, chunk by chunk, from recent residuals."""
 
     def __init__(self) -> None:
-        """Start without residuals."""
+        """Create a check without residuals."""
         self._kept: list[Residuals] = []
 
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
@@ -339,7 +348,7 @@ class SensorDisagreement:
 
 
 def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
-    """Add a quality flag to the rows (N,) of diagnostics."""
+    """Return diagnostics with a quality flag added where the mask `rows` (N,) is True."""
     if not rows.any():
         return diagnostics
     every = diagnostics.quality_flags.astype(object)
@@ -348,7 +357,12 @@ def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:
-    """(N,) mask of times at which most recent bearings of some sensor to one target were rejected."""
+    """Return the mask (N,) of times at which some sensor's recent bearings to one target were mostly rejected.
+
+    Args:
+        t_ns: (N,) times [ns]; recent is the `WINDOW_NS` before each.
+        residuals: of the target, by time.
+    """
     out = np.zeros(len(t_ns), dtype=np.bool_)
     for name in np.unique(residuals.sensor).tolist():
         own = residuals.take(residuals.sensor == name)
@@ -370,7 +384,7 @@ class EffectiveSampleSizes:
     """Histogram of effective sample sizes, in logarithmic bins."""
 
     def __init__(self) -> None:
-        """Start with empty bins."""
+        """Create an empty histogram of effective sample sizes."""
         self.rows = self.few = 0
         self._sum = 0.0
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
@@ -386,7 +400,7 @@ class EffectiveSampleSizes:
 
     @property
     def mean(self) -> float:
-        """Mean effective sample size; NaN without rows."""
+        """Mean effective sample size of all rows; NaN without rows."""
         return self._sum / self.rows if self.rows else math.nan
 
     @property
@@ -440,7 +454,13 @@ class PositionConsistency:
     hidden: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def add(self, tracks: Tracks, residuals: Residuals, scene: Scene) -> None:
-        """Add rows; a scene without room and walls is not checked."""
+        """Count intersections of the accepted bearings of each estimate: outside the room, or behind a camera's wall.
+
+        Args:
+            tracks: estimates.
+            residuals: of the bearings to them; probably false ones are left out.
+            scene: sensors, room and walls; without room and walls nothing is counted.
+        """
         sensors: dict[str, Floats] = {c.name: c.position[:2] for c in scene.cameras}
         sensors |= {a.name: a.position[:2] for a in scene.arrays}
         walls = {c.name: scene.blockers(c.ground) for c in scene.cameras}
@@ -533,7 +553,7 @@ def _rows(tracks: Tracks, used: Residuals) -> Ints:
 
 
 def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
-    """(N,) mask of positions (N, 2) in line of sight of the origin (2,), not hidden by a wall."""
+    """Return the mask (N,) of positions `xy` (N, 2) that no wall (polygon) hides from the origin (2,)."""
     return np.asarray(~behind_walls(origin, xy, walls))
 
 

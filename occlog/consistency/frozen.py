@@ -44,7 +44,7 @@ class FrozenCameras:
     """Finds runs of identical frames of each camera; frames of a camera are added in the order of time."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Create a check that has seen no frame."""
         self._cameras: dict[str, _CameraRuns] = {}
 
     def add(self, camera: str, t_ns: int, content: Hashable) -> None:

@@ -59,7 +59,7 @@ class BlockSums(NamedTuple):
     right: Floats  # (S,)
 
     def plus(self, other: BlockSums) -> BlockSums:
-        """Return the sums of both."""
+        """Return the sums of this block and another one."""
         return BlockSums(self.normal + other.normal, self.right + other.right)
 
 

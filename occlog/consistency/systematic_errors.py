@@ -98,7 +98,10 @@ class SystematicErrors:
         self._scale = np.zeros(2 * S)  # sums of squares of what a unit of each error is, in standard deviations
 
     def add(self, tracks: Tracks, stated: Sequence[StatedResiduals]) -> None:
-        """Add the residuals at more estimates, in the order of time."""
+        """Add the residuals at further estimates, in the order of time; nothing with fewer than two sensors.
+
+        `stated`: residuals with the standard deviations that are stated, by target and sensor.
+        """
         if len(self._sensors) < 2:
             return
         for target in np.unique([one.target for one in stated]).tolist():
@@ -108,13 +111,18 @@ class SystematicErrors:
                 self._add_target(tracks.take(of), [self._usable(one) for one in parts if len(one.residual)])
 
     def _usable(self, one: StatedResiduals) -> StatedResiduals:
-        """Remove outliers and bearings without information."""
+        """Return a copy without outliers and without bearings of very large standard deviation."""
         size = np.abs(one.residual)
         use = (size <= MAX_RESIDUAL * max(float(np.median(size)), MEDIAN)) & (one.sigma <= MAX_SIGMA_RAD)
         return one._replace(t_ns=one.t_ns[use], residual=one.residual[use], sigma=one.sigma[use])
 
     def _add_target(self, tracks: Tracks, parts: Sequence[StatedResiduals]) -> None:
-        """Add the residuals of one target."""
+        """Add the linearised residuals of one target, window by window.
+
+        Args:
+            tracks: estimates of the target, by time.
+            parts: residuals of its bearings by sensor.
+        """
         xy, first = np.column_stack([tracks.x, tracks.y]), tracks.t_ns[0]
         seconds = (tracks.t_ns - first) / NS
         # Errors of estimates follow the bearings; those of lines through neighbours are smoother

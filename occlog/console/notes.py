@@ -54,7 +54,10 @@ def notes_kept() -> Iterator[list[str]]:
 
 
 def note(message: str, quiet: bool = False) -> None:
-    """Write a line to standard error, or append it to the list of `notes_kept`."""
+    """Write a line to standard error, or append it to the list of `notes_kept` within that context.
+
+    `quiet`: write nothing; the list of `notes_kept` gets it nevertheless.
+    """
     kept = _KEPT.get()
     if kept is not None:
         kept.append(spelled(message))
@@ -74,7 +77,7 @@ def note_once(message: str) -> None:
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
-    """Write findings to standard error, a line each; see `records.verdicts.texts_of`."""
+    """Write the texts of findings (`records.verdicts.texts_of`) to standard error, a line each, as `note` does."""
     for text in texts:
         note(text, quiet)
 
@@ -104,7 +107,7 @@ class DryRunPlan:
     """
 
     def __init__(self) -> None:
-        """Create an empty plan."""
+        """Create a plan without files that would be read or written."""
         self.reads: list[Path] = []
         self.writes: list[Path] = []
 
@@ -130,7 +133,7 @@ def note_uncached() -> None:
 
 
 def log_compiling() -> None:
-    """Report once that compilation takes long."""
+    """Report that compilation takes long, at the first call after it was announced; later calls do nothing."""
     while COMPILING:
         COMPILING.pop()(not _UNCACHED)
 

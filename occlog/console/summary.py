@@ -15,16 +15,16 @@ class InWords(list[object]):
     """A value of a summary with two forms: a list for `--json`, and text for people."""
 
     def __init__(self, values: Iterable[object], words: str) -> None:
-        """Store the values and their text."""
+        """Store the values of the list, and the text `words` that the summary prints in their stead."""
         super().__init__(values)
         self.words = words
 
 
 class ListedLoss(Protocol):
-    """Interface of a loss in a summary."""
+    """Interface of a loss of data (a damaged part of an input) in the list of a summary."""
 
     def as_dict(self) -> Mapping[str, object]:
-        """The loss as a JSON object."""
+        """Return the loss as a JSON object."""
 
 
 FROM_WHOLE, TO_WHOLE = 1e4, 1e15
@@ -32,7 +32,7 @@ FROM_WHOLE, TO_WHOLE = 1e4, 1e15
 
 
 def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
-    """Print the summary on standard output (`lines_of`)."""
+    """Print the summary on standard output: one JSON object if `as_json`, else lines of text (`lines_of`)."""
     for line in lines_of(summary, as_json):
         write_line(line, sys.stdout)
 

@@ -53,7 +53,7 @@ class Evaluation:
 
     @property
     def figures(self) -> dict[str, object]:
-        """Figures with the verdict."""
+        """All figures by name, with the verdict on plausibility."""
         return {**self.metrics, **summary_of(self.verdicts)}
 
 
@@ -85,7 +85,7 @@ def parse_threshold(text: str) -> Threshold:
 
 
 def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
-    """Message for each threshold that is violated, or has a metric that is missing, ambiguous or not a number."""
+    """Return a message for each threshold that is violated, or whose metric is missing, ambiguous or NaN."""
     return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
 
 
@@ -375,7 +375,13 @@ BY_RECORDING = (
 
 
 def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[str, float], unit: str) -> list[str]:
-    """Table with a row per recording and one for all together."""
+    """Return the lines of a table with a row per recording, and one for all together.
+
+    Args:
+        each: figures by recording.
+        combined: figures over all.
+        unit: of lengths.
+    """
     rows = {**each, "all": combined}
     flat = {f"{key}_recording_{name}": value for name, row in rows.items() for key, value in row.items()}
     used = [entry for entry in BY_RECORDING if next(_keys([entry], "", unit))[0] in combined]
@@ -436,14 +442,21 @@ def number(value: float) -> str:
 
 
 def _keys(entries: Iterable[Entry], suffix: str, unit: str) -> Iterator[tuple[str, str, str]]:
-    """Full name, label and unit of each entry."""
+    """Generate full name, label and unit of each entry; `suffix` follows the name, lengths are in `unit`."""
     for name, label, of in entries:
         of = unit if of == "length" else of
         yield f"{name}{suffix}_{of}" if of else f"{name}{suffix}", label, of
 
 
 def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], unit: str) -> list[str]:
-    """Targets or sensors with a figure in one of the columns, in the order of the metrics."""
+    """Return the targets or sensors that have a figure in one of the columns, in the order of the metrics.
+
+    Args:
+        metrics: figures by name.
+        kind: `target` or `sensor`.
+        columns: entries of the table.
+        unit: of lengths.
+    """
     found: dict[str, None] = {}
     for pattern, _, _ in _keys(columns, f"_{kind}_\0", unit):
         start, end = pattern.split("\0")

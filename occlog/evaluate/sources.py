@@ -152,7 +152,7 @@ def _gathered(chunks: Chunks[T]) -> Iterator[T]:
 
 
 def _during(chunks: Chunks[T], span: Span) -> Iterator[T]:
-    """Rows in a time range, the end of which is excluded."""
+    """Generate the chunks of rows with times [ns] in `span`, the end of which is excluded."""
     for chunk in chunks():
         yield chunk.take((times(chunk) >= span[0]) & (times(chunk) < span[1]))
 
@@ -232,7 +232,7 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 
 
 def missing_frames_message(frames: tuple[int, int], count: int) -> InputError:
-    """Message about missing frames."""
+    """Return the error that no frame is in the range `frames` (first, stop), of the `count` that there are."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0", id="empty-input")
 
 

@@ -68,7 +68,7 @@ class TrackProvenance(NamedTuple):
 
     @classmethod
     def of(cls, provenance: Provenance) -> TrackProvenance:
-        """Read from the tracks' provenance."""
+        """Return what the provenance of tracks states about how they were made."""
         parameters = provenance.parameters
         sensors, window = parameters.get("sensors"), parameters.get("window_ns")
         return cls(
@@ -123,7 +123,12 @@ def checks_with_truth(
 
 
 def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Finding that bearings agree with tracks far from the truth, and disagree with the truth."""
+    """Generate a finding if bearings agree with tracks that are far from the truth, and disagree with the truth.
+
+    Args:
+        found: agreement of the bearings with the tracks.
+        metrics: figures of the evaluation, by name.
+    """
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
     if there > MAX_BEARING_NIS and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
         yield finding(IDENTITY, "truth-of-another-target", nis_of_tracks=nis.value, nis=there, allowed=MAX_BEARING_NIS)
@@ -177,7 +182,7 @@ class CovarianceConsistency:
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
 
     def update(self, errors: Errors) -> None:
-        """Add errors in the order of time."""
+        """Add errors with their NEES, in the order of time."""
         if self._own_numbers and self._scene is not None:
             errors = _errors_on_assigned_target(errors, self._scene)
         self.rows += len(errors)
@@ -209,7 +214,7 @@ class CovarianceConsistency:
 
 
 def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
-    """Findings about inconsistent covariances."""
+    """Generate findings about covariances that are singular, too small or too large; `rows`: number of estimates."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.n_finite
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
@@ -242,7 +247,7 @@ def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
 
 
 def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
-    """Findings from other figures of the evaluation."""
+    """Return the checks of the detection rate, and of the errors against the bound."""
     return (
         *outcome(
             DETECTIONS,
@@ -278,14 +283,14 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
 
 
 def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Finding about errors far above the bound."""
+    """Generate a finding if the errors are far above the bound."""
     ratio = _number(metrics, "bound_ratio")
     if ratio > MAX_BOUND_RATIO and not _no_bound(metrics):
         yield finding(BOUND, "error-far-above-bound", ratio=ratio, allowed=MAX_BOUND_RATIO)
 
 
 def _number(metrics: Mapping[str, object], name: str) -> float:
-    """A figure by name; NaN if missing."""
+    """Return the figure of this name; NaN if it is missing or no number."""
     value = metrics.get(name)
     return float(value) if isinstance(value, int | float) else math.nan
 
@@ -328,7 +333,14 @@ class SightEvidence:
         bearings: TableBuffer[Bearings],
         diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
-        """Add a section; `diagnostics` have the same rows as the tracks (`in_rows_of`)."""
+        """Compare the bearings of a section with the tracks, and add the residuals to the evidence.
+
+        Args:
+            limits: times of the section.
+            tracks: buffered tracks.
+            bearings: buffered bearings.
+            diagnostics: with the same rows as the tracks (`in_rows_of`); None: there are none.
+        """
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
         fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
@@ -355,7 +367,9 @@ class SightEvidence:
         self._alone.add(residuals, limits.end)
 
     def finish(self) -> None:
-        """Finish after the last section."""
+        """Close the comparison after the last section: pending bearings, and the share of pose errors of each
+        camera.
+        """
         self._alone.add(Residuals.empty(), LAST)
         for camera in self._scene.cameras:
             found = self._evidence.agreements.sensors.get(camera.name)

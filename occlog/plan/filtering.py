@@ -109,7 +109,15 @@ def run_filter(
 
 @kernel
 def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Floats) -> None:
-    """Mean (2,) and covariance (3,) of the position over all hypotheses; `first`: column of the covariances."""
+    """Write mean and covariance of the position over all hypotheses to `position` and `spread`.
+
+    Args:
+        rows: hypotheses, columns as `PROBABILITY` to `WIDTH`.
+        n: number of rows in use.
+        first: column of the covariance: `FILTER_COVARIANCE` or `TRUE_COVARIANCE`.
+        position: (2,) output.
+        spread: (3,) output: xx, xy, yy.
+    """
     x, y = 0.0, 0.0
     for h in range(n):
         x += rows[h, PROBABILITY] * rows[h, STATE]
@@ -126,7 +134,14 @@ def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Fl
 
 @kernel
 def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
-    """Add hypothesis n, that the target turns now; the probabilities of others are reduced."""
+    """Write hypothesis n to `rows`: the target turns now; multiply the probabilities of the others by 1 - turn.
+
+    Args:
+        rows: (> n, `WIDTH`) hypotheses, changed in place.
+        n: number of hypotheses before.
+        turn: probability of a turn in this step.
+        fresh: variance of each component of the velocity after a turn.
+    """
     born = rows[n]
     born[:] = 0.0
     _moments_into(rows, n, FILTER_COVARIANCE, born[STATE : STATE + 2], born[TRUE_COVARIANCE : TRUE_COVARIANCE + 3])
@@ -148,7 +163,15 @@ def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
 
 @kernel
 def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNoise) -> None:
-    """Predict hypothesis h by a step."""
+    """Predict hypothesis h by a step, in place.
+
+    Args:
+        rows: hypotheses, columns as `PROBABILITY` to `WIDTH`.
+        h: row.
+        dt: length of the step [s].
+        assumed: noise added to the covariance that the filter assumes.
+        true: noise added to the covariance of the actual errors.
+    """
     rows[h, STATE] += dt * rows[h, STATE + 2]
     rows[h, STATE + 1] += dt * rows[h, STATE + 3]
     _spread_into(rows[h, FILTER_COVARIANCE:TRUE_COVARIANCE], dt, assumed)
@@ -157,7 +180,7 @@ def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNo
 
 @kernel
 def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
-    """Predict the triangle (10,) of a covariance by a step."""
+    """Predict the triangle P (10,) of a covariance of (x, y, vx, vy) by `dt` [s] and `noise`, in place."""
     P[0] += dt * (2.0 * P[2] + dt * P[7]) + noise.position
     P[1] += dt * (P[3] + P[5] + dt * P[8])
     P[4] += dt * (2.0 * P[6] + dt * P[9]) + noise.position
@@ -238,7 +261,10 @@ def _update_into(row: Floats, information: Floats, work: Floats) -> float:
 
 @kernel
 def _merge_into(rows: Floats, n: int) -> None:
-    """Merge the two neighbouring hypotheses with the smallest loss, by probability and Mahalanobis distance."""
+    """Merge those two neighbours of n hypotheses with the least loss, in place; n - 1 rows remain.
+
+    The loss is their distance (Mahalanobis, and of the log velocity variances) times p1 p2 / (p1 + p2).
+    """
     at, least = 0, math.inf
     for h in range(n - 1):
         one, two = rows[h, PROBABILITY], rows[h + 1, PROBABILITY]
@@ -348,7 +374,14 @@ def errors_along(
 
 
 def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoise:
-    """Process noise of a step: position noise, and velocity noise as white acceleration."""
+    """Return the process noise of a step without a turn.
+
+    Args:
+        sigma: random walk of the position, per axis [length/s^0.5].
+        sigma_a: white acceleration, per axis [length/s^1.5].
+        fresh: variance of each component of the velocity after a turn.
+        dt: length of the step [s].
+    """
     q = sigma_a**2
     return StepNoise(sigma**2 * dt + q * dt**3 / 3.0, q * dt**2 / 2.0, q * dt, fresh)
 

@@ -47,7 +47,7 @@ class Detector(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, settings: Settings, rng: Generator) -> None:
-        """Start without images."""
+        """Create a detector that has seen no image yet; `rng` is the source of all its random numbers."""
 
     def detect(self, image: Image) -> Detected:
         """Find people in an image (height, width, 3), BGR, uint8; images come in the order of time."""
@@ -73,7 +73,7 @@ class Exporter(Protocol):
     tables: ClassVar[tuple[str, ...]]  # names of the tables that it takes; the first that an input holds is taken
 
     def __init__(self, settings: Settings) -> None:
-        """Create an exporter without output."""
+        """Create an exporter that has written nothing yet; one object may write several files."""
 
     def write(self, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
         """Write all rows; the file can only be written on, may be standard output, and is closed by who opened it."""
@@ -121,7 +121,7 @@ class Filter(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
-        """Create a filter without knowledge of the target."""
+        """Create a filter that knows nothing of the target yet; `rng` is the source of all its random numbers."""
 
     def step(self, scan: TargetScan) -> EstimatedPosition | None:
         """Take a time step in; where the target is then, or None where that is not known yet."""
@@ -151,7 +151,7 @@ class Metric(Protocol):
     units: ClassVar[Mapping[str, str]]  # unit of each figure by its name: `length`, `s`, `1`, ...
 
     def __init__(self, settings: Settings) -> None:
-        """Create a metric without data."""
+        """Create a metric; one object may compare several times, without memory of earlier comparisons."""
 
     def figures(self, compared: MetricInput) -> Mapping[str, float]:
         """Give all figures by their names; NaN: there is nothing to compute it from."""
@@ -207,7 +207,7 @@ class ViewTracker(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, settings: Settings, rng: Generator) -> None:
-        """Create a tracker without people."""
+        """Create a tracker without tracked objects; `rng` is the source of all its random numbers."""
 
     def step(self, found: BoxesInFrame) -> Ints:
         """Give the (N,) identities of the boxes, from 0 and each once; -1 for a box without an identity (yet)."""

@@ -98,7 +98,7 @@ class HeldOutFigures:
         self._aside: dict[tuple[str, int], _SpilledFrames] = {}
 
     def update(self, rows: Bearings, paths: Mapping[int, ObjectPath]) -> None:
-        """Add the bearings of a further section, with the tracks around it."""
+        """Add the bearings `rows` of a further section, and the tracks around it (`paths`, by target)."""
         for name, sensor in self._sensors.items():
             own = rows.take(rows.sensor == name)
             self._rows[name] += len(own)
@@ -132,7 +132,7 @@ class HeldOutFigures:
 
 
 def frames_of(rows: Bearings) -> HeldOutFrames:
-    """Rows of one sensor, grouped by time."""
+    """Return the bearings and pixels of one sensor's rows as arrays (frames, most in a frame), filled with NaN."""
     times, frame = np.unique(rows.t_ns, return_inverse=True)
     seen = np.flatnonzero(rows.seen)
     count = np.bincount(frame[seen], minlength=len(times))
@@ -147,7 +147,17 @@ def frames_of(rows: Bearings) -> HeldOutFrames:
 def _expect(
     sensor: SensorGeometry, frames: HeldOutFrames, path: ObjectPath | None, config: EvaluateConfig
 ) -> tuple[Floats, Floats, Bools]:
-    """Predicted bearings and offsets (N,) at each frame, and mask of frames in which the target should be in view."""
+    """Predict where a sensor should see a track at each of N frames.
+
+    Args:
+        sensor: the held-out sensor.
+        frames: its frames.
+        path: the track; None: it has no rows nearby.
+        config: largest gap in time that is interpolated.
+
+    Returns:
+        (N,) bearings [rad], (N,) offsets [px], NaN if unknown, and (N,) mask: the target should be in view.
+    """
     if path is None:
         unknown = np.full(len(frames.t_ns), np.nan)
         return unknown, unknown, np.zeros(len(frames.t_ns), dtype=np.bool_)
@@ -210,7 +220,7 @@ class _SpilledFrames:
 
 
 class _Figures:
-    """Accumulates figures of residuals."""
+    """Accumulated residuals [rad, px] at held-out sensors, and those of frames paired by chance."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int) -> None:
         self._gate = config.held_out_gate
@@ -264,7 +274,7 @@ HEIGHT = 1.7
 
 
 class BoxFrames(NamedTuple):
-    """Boxes of one camera, by frame."""
+    """Boxes of one camera: of frame k those from start[k] to start[k + 1], with pixels of centre and bottom."""
 
     t_ns: Ints  # (F,) times of the frames, rising
     start: Ints  # (F + 1,) first box of each frame
@@ -349,7 +359,18 @@ def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
 
 
 def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: EvaluateConfig, shift: int) -> HeldOutTally:
-    """Pair the boxes of each frame one to one with the tracks of the frame `shift` frames later."""
+    """Pair the boxes of each frame one to one with the tracks at the frame `shift` frames later.
+
+    Args:
+        camera: the held-out camera.
+        frames: its boxes.
+        walkers: tracks with heights.
+        config: gate [px] and largest gap.
+        shift: number of frames; 0 gives true pairs, others pairs by chance.
+
+    Returns:
+        Number of boxes, distances [px] of centres and of feet of pairs, and number of tracks in the image.
+    """
     times = np.roll(frames.t_ns, -shift)
     states = [interpolate_positions(times, w.t_ns, w.state, config.bridge_ns)[0] for w in walkers]
     # (F, K, 3) position of each track at each time, NaN where it is not
@@ -370,7 +391,13 @@ def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: Eval
 
 
 def project(camera: Camera, state: Floats, share: float) -> Floats:
-    """(F, K, 2) pixels of the points at a share of the height of people (F, K, 3: x, y, height); NaN if unknown."""
+    """Return the pixels (F, K, 2) of points of K people in F frames, at a share of their height; NaN if unknown.
+
+    Args:
+        camera: by which they are seen.
+        state: (F, K, 3) x, y and height of each person.
+        share: of the height, 0 (feet) to 1.
+    """
     flat = state.reshape(-1, 3)
     out = np.full((len(flat), 2), np.nan)
     known = np.isfinite(flat).all(axis=1)

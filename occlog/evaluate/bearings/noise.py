@@ -58,7 +58,7 @@ class Scans(NamedTuple):
 
 
 def labelled(bearings: Bearings, config: EvaluateConfig) -> Bearings:
-    """Rows with a labelled detection, without held-out sensors."""
+    """Return the rows of labelled detections of sensors that are not held out."""
     return bearings.take(
         bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, np.array(config.held_out, dtype=np.str_))
     )
@@ -68,7 +68,7 @@ class ScanCuts:
     """Groups a stream of rows into scans, independent of chunk borders."""
 
     def __init__(self, config: EvaluateConfig) -> None:
-        """Start without rows."""
+        """Create an empty buffer of rows, with the duration of a scan from the configuration."""
         self.window_ns = round(config.triangulation_window_s * NS)
         """Maximum duration of a scan."""
         self._held: dict[int, Bearings] = {}
@@ -137,7 +137,7 @@ class NoiseFigures:
         self._squares, self._degrees, self._sigma_px = (Spool(in_memory) for _ in range(3))
 
     def see(self, rows: Bearings) -> None:
-        """Add labelled rows."""
+        """Add the stated standard deviations [px] of labelled rows."""
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry]) -> None:
@@ -215,14 +215,21 @@ def noise_scale_of_many(
 
 
 class NoiseFit(NamedTuple):
-    """Local maximum of the mixture likelihood."""
+    """Local maximum of the likelihood of a mixture: variance factor, and log-likelihood."""
 
     scale2: float
     log_likelihood: float
 
 
 def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> NoiseFit:
-    """Fit the mixture by EM from a start value of the variance factor; `most`: the largest sum of squares."""
+    """Fit the variance factor of a mixture of true and false bearings by EM.
+
+    Args:
+        blocks: generates (sums of squared normalised residuals, their degrees of freedom), once per iteration.
+        count: number of sums.
+        start: variance factor to begin with.
+        most: largest sum of squares, which limits the range of false ones.
+    """
     scale2, false, reach = start, INITIAL_OUTLIER_SHARE, math.sqrt(max(most, MIN_OUTLIER_RANGE_SIGMAS**2 * start))
     for _ in range(ITERATIONS):
         total, expected, honest, fit = Sum(), Sum(), Sum(), Sum()
@@ -255,7 +262,16 @@ def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
 
 
 def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
-    """Sums of squared residuals and degrees of freedom of one target's scans in which three lines or more met."""
+    """Return the squared residuals of scans of one target in which three lines of sight or more met.
+
+    Args:
+        scans: n bearings, grouped.
+        origins: (n, 2) position of the sensor of each.
+        config: least angle between the lines.
+
+    Returns:
+        (k,) sums of squared normalised residuals, and (k,) degrees of freedom.
+    """
     rows, starts = scans.rows, scans.starts
     found = triangulate.triangulate(
         origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.triangulation_min_angle
@@ -304,7 +320,7 @@ def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
 
 
 def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
-    """`measured_noise` of numbers in a temporary file."""
+    """Return the noise of residuals [px] in a temporary file, with standard errors by a jackknife over time."""
     n = residual_px.count
     # As `np.array_split` cuts them
     cuts = [n // STRETCHES * k + min(n % STRETCHES, k) for k in range(STRETCHES + 1)]
@@ -363,7 +379,7 @@ class NoiseFromTruth:
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
     def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
-        """Add observations of further frames, by sensor."""
+        """Add residuals of further frames, by name of the sensor: of visible targets that were reported."""
         for name in observations.keys() & self._residuals.keys():
             own = observations[name].observations
             use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
@@ -419,7 +435,7 @@ def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...
 
 
 def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
-    """Figures by camera."""
+    """Return sigma, its standard error and the number of readings of each camera, by name of the figure."""
     out: dict[str, float] = {}
     for name, m in noise.items():
         out |= {

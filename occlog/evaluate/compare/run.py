@@ -166,7 +166,7 @@ def parse_condition(condition: str) -> Condition:
 
 
 def run_compare(request: CompareRequest, job: Job) -> JobResult:
-    """Compare the runs, and write the table as Markdown."""
+    """Compare the runs of the request, write the table as Markdown, and return the summary and failed conditions."""
     methods = request.methods
     if len(methods) < 2:
         raise UsageError(
@@ -260,7 +260,14 @@ def _unit(runs: Sequence[ComparedRun]) -> str:
 
 
 def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floats:
-    """Contribution of each true frame of a recording to the figures of a run."""
+    """Return the sums (true frames, k) that a recording's frames add to the figures of a run.
+
+    Args:
+        run: tracks and truth.
+        first: run of the first method on the same recording; InputError unless its truth is the same.
+        limit: largest distance of a pair, in `unit`.
+        unit: of lengths.
+    """
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(
@@ -291,7 +298,7 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
 
 
 def _same(a: Truth, b: Truth) -> bool:
-    """Whether two truths have the same rows."""
+    """Whether two truths have the same rows, in the same order."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in Truth.columns())
@@ -309,7 +316,14 @@ def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
 
 
 def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> str:
-    """Verdict of a comparison; `rows`: number of rows tested together."""
+    """Return `better`, `worse`, `no difference shown` or `not decided` for a figure of a run.
+
+    Args:
+        figure: its name, by which less or more is better.
+        found: difference from the first run.
+        holm: p-value, corrected for the rows by Holm's method.
+        rows: number of rows tested together.
+    """
     if not np.isfinite(holm) or 2 * found.least * rows >= LEVEL:
         return "not decided"
     if holm >= LEVEL:

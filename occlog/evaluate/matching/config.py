@@ -253,5 +253,5 @@ class EvaluateConfig(Settings):
 
     @property
     def bridge_ns(self) -> int:
-        """Largest gap to interpolate [ns]."""
+        """Largest gap in time that is interpolated [ns]."""
         return round(self.bridge_s * 1e9)

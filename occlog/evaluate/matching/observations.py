@@ -194,7 +194,12 @@ def _compare(
 
 
 def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
-    """Candidate of each object in one frame."""
+    """Pair the candidates of one frame with objects, visible ones first; return the candidate of each object.
+
+    Args:
+        cost: (candidates, objects) distance over the gate; above 1, or inf, is no pair.
+        visible: mask of the objects that should be seen.
+    """
     if not np.isfinite(cost).any():
         return {}
     found = {j: i for i, j in pair_within(np.where(visible, cost, np.inf), 1.0)}
@@ -236,7 +241,7 @@ class SensorObservations:
     normalised_elevation: Floats
 
     def take(self, rows: Bools) -> SensorObservations:
-        """Select observations by a mask."""
+        """Return the observations selected by a mask (N,)."""
         return SensorObservations(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 

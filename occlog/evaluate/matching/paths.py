@@ -29,7 +29,7 @@ MIN_BRIDGE_S = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ObjectPath:
-    """Positions of one object over time."""
+    """Sampled positions of one object over time, interpolated between samples that are near enough in time."""
 
     t_ns: Ints  # (M,) not falling
     xy: Floats  # (M, 2)
@@ -38,7 +38,7 @@ class ObjectPath:
 
     @property
     def high(self) -> Bools:
-        """(M,) mask of samples with known height."""
+        """(M,) mask of the M samples with a known height."""
         return np.zeros(len(self.t_ns), dtype=np.bool_) if self.z is None else np.isfinite(self.z)
 
     @property
@@ -67,7 +67,10 @@ class ObjectPath:
         return hold_positions(t_ns, self.t_ns, self.xy)
 
     def height_at(self, t_ns: Ints, limit_ns: int | None) -> Floats:
-        """(N,) heights interpolated as by `at`, between samples with a height; NaN if unknown."""
+        """Return the heights (N,) at `t_ns` (N,), interpolated between samples with a height; NaN if unknown.
+
+        `limit_ns`: largest gap that is interpolated [ns]; None: that of this path.
+        """
         known = self.high
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
@@ -109,7 +112,7 @@ class ExpectedMeasurement(NamedTuple):
     phi: Floats  # (N,) angle from that axis [rad]; NaN where the height is not known
 
     def reshape(self, shape: tuple[int, ...]) -> ExpectedMeasurement:
-        """Reshape all arrays."""
+        """Return a copy with all arrays reshaped to `shape`."""
         return ExpectedMeasurement._make(column.reshape(shape) for column in self)
 
     def take(self, rows: Ints) -> ExpectedMeasurement:
@@ -132,7 +135,7 @@ class SensorGeometry:
 
     @property
     def position(self) -> Floats:
-        """(3,) in the world."""
+        """Position (3,) of the sensor in the world, in the scene's unit of length."""
         return np.append(self.ground, self.height)
 
     def expect(self, xy: Floats, z: Floats) -> ExpectedMeasurement:

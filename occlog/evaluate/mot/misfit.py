@@ -59,13 +59,13 @@ class SampledBoxes(NamedTuple):
 
     @classmethod
     def merge(cls, parts: Sequence[SampledBoxes]) -> SampledBoxes:
-        """Concatenate samples."""
+        """Return the concatenated samples; without parts, empty ones."""
         nothing = cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4)))
         return cls(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
     @property
     def key(self) -> Ints:
-        """(n,) integer that identifies frame and camera."""
+        """(n,) integer that identifies frame and camera of each box."""
         return self.frame * 1024 + self.view
 
 
@@ -126,7 +126,10 @@ def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
 
 
 def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
-    """F1 score of boxes that overlap one of the other side in the same frame by at least `MIN_IOU`."""
+    """Return the F1 score, 0 to 1, of boxes that overlap one of the other side in the same frame.
+
+    An overlap is an IoU of at least `MIN_IOU`; up to `MAX_FRAMES` common frames are compared, 0 without any.
+    """
     common = np.intersect1d(tracks.key, truth.key)
     if not len(common):
         return 0.0

@@ -66,7 +66,7 @@ TEXT = (".txt", ".csv")
 
 
 def in_images(path: Path | None) -> bool:
-    """Whether a file holds tracks in images."""
+    """Whether a file holds tracks in images: text, or a table of view tracks or boxes; False for None."""
     if path is None:
         return False
     if _is_text(path):
@@ -76,7 +76,7 @@ def in_images(path: Path | None) -> bool:
 
 
 def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
-    """Evaluate tracks in images, and write the outputs; return the result."""
+    """Evaluate tracks in images against true boxes, write the requested outputs, and return the result."""
     compared, config, scene, uncounted = compared_boxes(request)
     begin_work()
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
@@ -151,7 +151,15 @@ def compared_boxes(
 
 
 def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
-    """Note on true boxes that a benchmark's rules exclude; InputError if none is left."""
+    """Return a note on the true boxes that a benchmark's rules exclude; empty if none are.
+
+    Args:
+        path: file of the true boxes.
+        marks: class and `counts` of each of its rows.
+        rule: name of the benchmark.
+
+    InputError if none is left.
+    """
     skipped = ~(marks.counts & (marks.kind == PEDESTRIAN))
     if not skipped.any():
         return ()
@@ -165,7 +173,7 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
 
 
 def _timed(ours: Opened, theirs: Opened) -> Sides:
-    """Generate tracks and true boxes of the same times, in chunks."""
+    """Return a function that generates tracks and true boxes of the same times, chunk by chunk."""
     kind: type[Boxes] = TruthBoxes if ours.has(TruthBoxes) else Boxes
     ellipses = opened_rows(ours, ViewTracks)
     boxes = opened_rows(ours, kind)
@@ -241,14 +249,24 @@ def _read_both(
 
 
 def _read_annotated(tracks: Path, truth: Path, config: MultiTargetConfig, counted: str) -> tuple[Boxes, TruthBoxes]:
-    """Read tracks, and truth in the format of an annotation tool, for one of the tracks' cameras."""
+    """Return tracks, and true boxes of an annotation tool, for one of the tracks' cameras.
+
+    Args:
+        tracks: table or text.
+        truth: file of the tool.
+        config: camera, frame rate.
+        counted: name of the format.
+    """
     found, name = _tracks_of_one(tracks, config)
     boxes = read_annotation(truth, counted, name, config)
     return found, boxes if _is_text(tracks) else timed_like(boxes, found, name, config, truth)
 
 
 def _tracks_of_one(path: Path, config: MultiTargetConfig) -> tuple[Boxes, str]:
-    """Tracks, and their camera to which a truth without a camera name refers."""
+    """Return the tracks, and the name of the camera to which a truth without camera names refers.
+
+    `config`: the selected camera, needed if the tracks are of several.
+    """
     if not _is_text(path):
         found = _read_tracks(path)
         return found, _sole_camera(path, found, config)

@@ -62,7 +62,7 @@ class Thumbnails:
 
     @property
     def words(self) -> str:
-        """Sentence about the images."""
+        """Sentence that states how many of the time steps have images; empty if all have."""
         return f"Images: {self.n_steps:,} of {self.of:,} time steps." if self.of > self.n_steps else ""
 
     @property

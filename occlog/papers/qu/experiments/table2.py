@@ -81,7 +81,10 @@ def _linear(key: str, statement: str, paper: float, rows: Sequence[PaperRow]) ->
 def _faster(
     key: str, statement: str, paper: float, rows: Sequence[PaperRow], bmct: Sequence[PaperRow]
 ) -> StatementVerdict:
-    """Judge that an exponent is above that of linear growth, or at least above that of BMCT."""
+    """Return the verdict on growth with the targets: the exponent of `rows` is above `LINEAR`.
+
+    In part, if it is only above that of the rows `bmct`. `paper` is the exponent of the printed values.
+    """
     own = power_of(bmct).value
     rule = f"exponent above {LINEAR}; in part above that of BMCT, {own:.2f}"
     good, fair = v.above(LINEAR), v.above(min(own, LINEAR))
@@ -89,7 +92,14 @@ def _faster(
 
 
 def _exponential(rows: Sequence[PaperRow]) -> StatementVerdict:
-    """Judge whether the numbers grow by the same factor with every target, rather than as a power."""
+    """Return the verdict on joint SIR: its particles grow by a constant factor for every target.
+
+    Holds if log(particles) is fitted better by a line over the number of targets than over its logarithm: ratio of
+    the squared residuals of each run below 1.
+
+    Args:
+        rows: one for each number of targets (`x`); `values` are the total particles of each run.
+    """
     statement = (
         "Joint-state methods grow exponentially with the targets (joint SIR): squares left by a constant factor for "
         "every target, over those left by a power of their number."
