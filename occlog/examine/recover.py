@@ -81,7 +81,7 @@ def _times(span: tuple[int, int] | None) -> dict[str, object]:
 
 
 def _named(text: str) -> tuple[str, Path]:
-    """Parse CAMERA=FILE."""
+    """Return camera and path of a text `CAMERA=FILE`; UsageError for other text."""
     camera, given, path = text.partition("=")
     if not (camera and given and path):
         raise UsageError(f"--video {text}: expected CAMERA=FILE")

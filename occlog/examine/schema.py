@@ -83,13 +83,13 @@ NAMES = {"epipolar": "epipolar-settings", "plan": "plan-settings"}
 
 
 def load(where: str) -> Any:
-    """Import the value of `module:name`."""
+    """Import the object that `where` names as `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)
 
 
 def verbs() -> tuple[str, ...]:
-    """Commands that have settings."""
+    """Return the names of the commands that have settings."""
     return (*CLASSES, "track")
 
 

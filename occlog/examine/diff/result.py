@@ -48,7 +48,14 @@ class Tolerances:
         return self.columns.get(f"{table}.{column}", self.columns.get(column))
 
     def of(self, table: str, column: str, unit: str = "1", single: bool = False) -> Limit:
-        """Tolerance of a column of floats; `single`: of 4-byte floats."""
+        """Return the tolerance of a column of floats: as stated for it or its unit, else the default.
+
+        Args:
+            table: name of the table.
+            column: name of the column.
+            unit: of the column.
+            single: the column is of 4-byte floats, with their own default relative tolerance.
+        """
         limit = self.named(table, column) or self.units.get(unit)
         if limit is not None:
             return limit
@@ -149,7 +156,7 @@ class DiffResult:
 
     @property
     def same(self) -> bool:
-        """Whether nothing differs."""
+        """Whether rows and declarations have no difference."""
         return self.first is None and not self.schema
 
     def as_dict(self) -> dict[str, object]:
@@ -268,7 +275,7 @@ def _most(found: RowDifference) -> str:
 
 
 def _key(key: Mapping[str, object]) -> str:
-    """Format a key: `time 2023-11-14T22:13:20.000Z, sensor cam1`."""
+    """Return the key of a row as text: `time 2023-11-14T22:13:20.000Z, sensor cam1`; of JSON the path."""
     if "path" in key:
         return str(key["path"])
     return ", ".join(_key_part(name, value) for name, value in key.items()) or "the row"

@@ -210,7 +210,7 @@ def _is_wide(t_ns: Ints) -> bool:
 
 
 def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
-    """Report faults in the times of every sensor, alone and relative to the others."""
+    """Add findings about the times of each sensor: faults of their own, no overlap with others, lateness."""
     for clock in clocks:
         clock.judge(findings)
     # Whoever has times of another epoch is not late too
@@ -287,14 +287,14 @@ class Restarts:
     """Checks the order of times of each sensor and identity, in file order."""
 
     def __init__(self, table: ForeignTable) -> None:
-        """Start without rows."""
+        """Create a check of an external table for times that go back, before its first row."""
         self._table = table
         self._last: dict[Hashable, int] = {}
         self._rows = self._back = 0
         self._first = InputError("")
 
     def add(self, cells: TableCells) -> None:
-        """Add rows; InputError for an invalid time."""
+        """Count rows of the table whose time is before the previous one of their sensor; InputError for no time."""
         t_ns = self._table.times_of(cells).tolist()
         for row, (t, owner) in enumerate(zip(t_ns, self._table.owners(cells), strict=True)):
             before = self._last.get(owner)

@@ -57,7 +57,7 @@ class Cameras(NamedTuple):
 
 
 class ImageFrame(NamedTuple):
-    """Number and time of a frame."""
+    """Number of a frame in its video, and its time [ns]."""
 
     number: int
     t_ns: int
@@ -201,6 +201,6 @@ def _images(boxes: Boxes, count: int) -> tuple[list[tuple[str, int, int]], dict[
 
 
 def _joined(mark: str, values: list[dict[str, object]]) -> Iterator[str]:
-    """JSON list items, preceded by a separator if there are items before; empty without items."""
+    """Generate JSON items of a list without its brackets, after the separator `mark`; nothing without values."""
     if values:
         yield mark + json.dumps(values)[1:-1]

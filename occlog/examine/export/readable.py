@@ -129,7 +129,7 @@ class UnrepresentableColumns:
                 self._known[c.name] = None
 
     def words(self) -> tuple[str, ...]:
-        """Descriptions of what is not held."""
+        """Return descriptions of what the format cannot represent, one each."""
         out = []
         if self._name in UNITLESS and self._unit != "m":
             out.append(f"that lengths are in {self._unit}")
@@ -163,7 +163,7 @@ class ExportedFrames:
     """Detects frames without boxes, which formats of boxes cannot hold."""
 
     def __init__(self) -> None:
-        """Create an empty list of frames."""
+        """Create a check for frames without boxes, before the first frame."""
         self._ends: dict[str, tuple[int, int]] = {}
         self._boxed: dict[str, tuple[int, int]] = {}
         self._rows: Counter[str] = Counter()

@@ -187,7 +187,7 @@ def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
 
 
 def _of_targets(pieces: Callable[[], Iterable[ExportedPositions]], names: Sequence[int]) -> ExportedPositions:
-    """Concatenate the positions of some targets."""
+    """Return the positions of the targets `names`, concatenated over all pieces."""
     found = [
         ExportedPositions._make(column[np.isin(positions.identity, names)] for column in positions)
         for positions in pieces()
@@ -214,7 +214,14 @@ def _feature(name: int, positions: ExportedPositions, rows: Ints, origin: Origin
 def _long_feature(
     pieces: Callable[[], Iterable[ExportedPositions]], name: int, origin: Origin, length_unit: str
 ) -> Iterator[str]:
-    """A line with more vertices than fit in memory, in parts: vertices, then times."""
+    """Generate the GeoJSON text of a line with more vertices than fit in memory: vertices, then times.
+
+    Args:
+        pieces: generates the positions of all targets, once for each of the two.
+        name: identity of the target.
+        origin: position of the scene's origin on earth.
+        length_unit: of the positions.
+    """
     head = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}
     yield json.dumps(head)[:-3]
     for part in (0, 1):
@@ -300,7 +307,14 @@ def shown_name(column: Column, length_unit: str) -> str:
 def write_csv(
     rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str
 ) -> tuple[int, tuple[str, ...]]:
-    """Write CSV; return the number of rows, and the list columns that were skipped."""
+    """Write rows as CSV; return their number, and the names of the list columns, which are left out.
+
+    Args:
+        rows: chunks of the table.
+        table: its type.
+        file: open binary file.
+        length_unit: of lengths, stated in the names of the columns.
+    """
     kept = [c for c in table.columns() if not c.width]
     file.write((",".join(shown_name(c, length_unit) for c in kept) + "\n").encode())
     count = 0
@@ -330,7 +344,14 @@ def _quoted(text: str) -> str:
 
 
 def write_parquet(rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str) -> int:
-    """Write Parquet without occlog's metadata, with null for unknown values; return the number of rows."""
+    """Write Parquet without occlog's metadata, with null for unknown values; return the number of rows.
+
+    Args:
+        rows: chunks of the table.
+        table: its type.
+        file: open binary file.
+        length_unit: of lengths, stated in the names of the columns.
+    """
     schema = pa.schema([pa.field(shown_name(c, length_unit), _kind(c)) for c in table.columns()])
     count = 0
     with pq.ParquetWriter(file, schema, compression="zstd") as writer:

@@ -125,7 +125,10 @@ def _image(camera: str, topics: Mapping[str, str]) -> dict[str, object]:
 
 
 def _plots(topics: Mapping[str, str]) -> list[list[str]]:
-    """Message paths of up to two plots."""
+    """Return the message paths of up to two plots, each with up to `MAX_LINES` lines.
+
+    `topics`: names, with the message type of each.
+    """
     found = []
     for source, names in PLOTS:
         targets = [topic for topic in topics if topic.startswith(f"/{source}/")]

@@ -45,7 +45,7 @@ NAME_SIZE, NAME_PX = 0.3, 14.0
 
 @dataclass(frozen=True, eq=False)
 class PersonEstimate:
-    """Estimate of a target [m], for drawing."""
+    """Estimate of a target at one time, for drawing: position, covariance, floor, and size of the person [m]."""
 
     t_ns: int
     target: int
@@ -75,14 +75,14 @@ class PersonEstimate:
 
 
 class Palette:
-    """Colours of targets, by order of identity."""
+    """Colours of targets, assigned by the order of their identities."""
 
     def __init__(self, targets: Iterable[int]) -> None:
         """Assign colours to all identities `targets`, in order."""
         self._index = {target: n for n, target in enumerate(sorted(set(targets)))}
 
     def __len__(self) -> int:
-        """Number of targets."""
+        """Return the number of targets."""
         return len(self._index)
 
     def __call__(self, target: int) -> Rgba:
@@ -97,12 +97,12 @@ class DiagnosticsDrawing:
     """Latest filter diagnostics of each target: sensors that detect it, quality flags."""
 
     def __init__(self) -> None:
-        """Start without diagnostics."""
+        """Create a store without diagnostics."""
         self.quality_flags: dict[int, str] = {}
         self.seen_by: dict[int, frozenset[str] | None] = {}
 
     def add(self, rows: Diagnostics) -> None:
-        """Add the rows of one time."""
+        """Store quality flags and detecting sensors of each target from the rows of one time."""
         for k, target in enumerate(rows.target_id.tolist()):
             self.quality_flags[target] = str(rows.quality_flags[k]) or str(rows.fallback[k])
             names = frozenset(filter(None, str(rows.seen_by[k]).split(",")))
@@ -151,13 +151,18 @@ class PeopleDrawing:
     """Latest estimate of each target, and its trail over the last seconds."""
 
     def __init__(self, palette: Palette, trail_ns: int = TRAIL_NS) -> None:
-        """Start without targets."""
+        """Create a drawing without targets.
+
+        Args:
+            palette: colours of the targets.
+            trail_ns: length of the trails in time [ns].
+        """
         self._palette, self._trail_ns = palette, trail_ns
         self._people: dict[int, PersonEstimate] = {}
         self._trails: dict[int, deque[tuple[int, Floats]]] = {}
 
     def add(self, people: Iterable[PersonEstimate]) -> None:
-        """Add the estimates of one time."""
+        """Set the current estimates of the targets, all of one time, and extend their trails."""
         for person in people:
             self._people[person.target] = person
             trail = self._trails.setdefault(person.target, deque())
@@ -225,7 +230,12 @@ def name_of(person: PersonEstimate) -> str:
 
 
 def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
-    """True positions: white columns, and grey ones for occluders."""
+    """Return shapes of true positions: white columns, and grey ones for occluders.
+
+    Args:
+        rows: true positions of one time.
+        metres: metres per length unit of the rows.
+    """
     things = []
     for role, target, x, y in zip(
         rows.role.tolist(), rows.target_id.tolist(), rows.x.tolist(), rows.y.tolist(), strict=True
@@ -256,7 +266,10 @@ def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(k, 2) projected 95 % ellipse of the position on the floor [px]; None if not visible."""
+    """Return the projected 95 % ellipse (k, 2) of the position on the floor [px]; None if not visible.
+
+    `metres`: metres per length unit of the camera's scene.
+    """
     if person.rim is None or not camera.above_floor:
         return None
     pixels = camera.project(at_height(person.rim, person.floor) / metres)
@@ -270,7 +283,12 @@ def corners(box: Floats) -> Floats:
 
 
 def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
-    """Ellipses of image trackers; dashed if interactions are unresolved, or if occluded."""
+    """Return shapes of the ellipses of image trackers; dashed if interactions are unresolved, or if occluded.
+
+    Args:
+        rows: ellipses in one image.
+        palette: colours of the targets.
+    """
     helped = rows.assisting_views != ""
     dashed = ((rows.neighbours != "") & ~helped) | (rows.likelihood_mode == GROUND)
     things = []

@@ -42,7 +42,7 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """An upright cylinder."""
+    """Upright cylinder with the middle of its base at `foot` (3,), all lengths in metres."""
 
     foot: Floats  # (3,) middle of its lower end
     width: float
@@ -70,7 +70,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Dots:
-    """Separate points (n, 3) in the world."""
+    """Separate points (n, 3) in the world, all of one colour [m]."""
 
     points: Floats
     colour: Rgba
@@ -89,12 +89,12 @@ class DrawingGroup:
 
 
 def faded(colour: Rgba, opacity: float) -> Rgba:
-    """Return the colour with another opacity."""
+    """Return the colour with the given opacity, 0 to 1."""
     return (*colour[:3], opacity)
 
 
 def smaller(thing: DrawingGroup, shrunk: float) -> DrawingGroup:
-    """Scale a shape over an image to a reduced image (pixel centres at integers in both)."""
+    """Return a shape over an image for the image reduced by the factor `shrunk` (pixel centres at integers in both)."""
     lines = [replace(line, points=shrunk * (line.points + 0.5) - 0.5) for line in thing.lines]
     texts = [replace(text, at=shrunk * (text.at + 0.5) - 0.5) for text in thing.texts]
     return replace(thing, lines=lines, texts=texts)
@@ -226,7 +226,13 @@ def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) ->
 
 
 def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Floats:
-    """(n, d) points at distances (n,) along the polylines of a group, interpolated like `np.interp`."""
+    """Return points (n, d) along polylines, interpolated as by `np.interp`.
+
+    Args:
+        group: m polylines with equal numbers of vertices.
+        counts: (m,) number of points on each; they sum to n.
+        wanted: (n,) distances from the beginning of the polyline, rising on each.
+    """
     points, along = group.points, group.along
     size, axes = points.shape[1:]
     owner = np.repeat(np.arange(len(points)), counts)
@@ -244,7 +250,13 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
 
 
 def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
-    """(n,) number of vertices of the polyline at or before each distance, excluding the first."""
+    """Return for n points the number (n,) of vertices at or before each, not counting the first vertex.
+
+    Args:
+        along: (m, k) distance of the k vertices of m polylines from their beginning.
+        counts: (m,) number of points on each; they sum to n.
+        wanted: (n,) distances of the points.
+    """
     if along.shape[1] == 2:
         return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)
     parts = np.split(wanted, np.cumsum(counts)[:-1])
