@@ -109,7 +109,7 @@ STATEMENTS: Mapping[str, LeeStatement] = {
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the quantity of every statement; a row each, numbered by x."""
+    """Return the table of the quantity of every statement; a row each, numbered by x."""
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 1)))
     found = {
         **_turns(),
@@ -126,7 +126,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge each statement by its quantity, which has no error bar."""
+    """Return the verdicts on each statement by its quantity, which has no error bar."""
     return [
         v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule)
         for row in table

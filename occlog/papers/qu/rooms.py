@@ -106,7 +106,7 @@ def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
 
 
 def _followed(tracks: ViewTracks, names: Sequence[str]) -> TrackerOutput:
-    """Return the rows of a table in the form of trials, without times."""
+    """Return the rows of a table in the form of trials, without times; `names` are the views in order."""
     t, n = tracks, len(tracks)
     modes = {name: k for k, name in enumerate(MODES)}
     return TrackerOutput(

@@ -45,7 +45,10 @@ def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:
 
 
 def video_of(config: BallsConfig, seed: int, staging: Staging) -> Iterator[BallsFrame]:
-    """Draw a staged video; outlines of balls that a view does not see are NaN, and their visible shares 0."""
+    """Generate the frames of a staged video.
+
+    Outlines of balls that a view does not see are NaN, and their visible shares 0.
+    """
     paths = ball_paths(config, seed) if not staging.scene else staged_paths(config, seed, staging.scene)
     if not staging.unseen:
         yield from render_balls(config, seed, paths=paths)
@@ -74,7 +77,7 @@ def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
 
 
 def _together(config: BallsConfig, rng: Generator) -> Floats:
-    """Return paths of two balls that move together in view 1, occluding each other ([Qu] Fig. 7b, camera 1)."""
+    """Return centres (frames, 2, 3) of two balls that move together in view 1, occluding each other ([Qu] Fig. 7b)."""
     t = np.linspace(0.0, 1.0, config.frames)
     first, last = (rng.uniform(0.0, 2.0 * math.pi) for _ in range(2))
     near = rng.uniform(0.0, 2.0 * math.pi)
@@ -89,12 +92,12 @@ def _together(config: BallsConfig, rng: Generator) -> Floats:
 
 
 def _together_in_second(config: BallsConfig, rng: Generator) -> Floats:
-    """Return paths like those of `_together`, but in view 2."""
+    """Return centres (frames, 2, 3) of two balls that move together in view 2, occluding each other there."""
     return _together(config, rng)[..., [1, 0, 2]]
 
 
 def _opposite(config: BallsConfig, rng: Generator) -> Floats:
-    """Return paths like those of `_together`, but in opposite directions, passing one another."""
+    """Return centres (frames, 2, 3) of two balls that pass one another in view 1, in opposite directions."""
     t = np.linspace(0.0, 1.0, config.frames)
     close = HIDING * config.radius * rng.choice([-1.0, 1.0])
     gap = np.column_stack([400.0 * (t - 0.5), np.full(len(t), close)])

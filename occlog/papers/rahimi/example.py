@@ -49,7 +49,7 @@ TRAINING_PATHS, TRAINING_STEPS, TRAINING_NOISE = 40, 200, 1e-3
 
 
 class Example(NamedTuple):
-    """One random problem."""
+    """One random problem: true path, and bearings."""
 
     truth: Truth
     bearings: Bearings
@@ -159,7 +159,7 @@ def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
 
 
 def times(steps: int) -> Ints:
-    """Return (steps,) times [ns]."""
+    """Return the times (steps,) of a problem [ns], from 0."""
     return np.asarray(np.rint(np.arange(steps) * STEP_S * 1e9), dtype=np.int64)
 
 

@@ -83,7 +83,14 @@ def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats
 
 
 def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floats:
-    """Return (L, N, M) probabilities q_ij for all cameras (N, 2); see `blocking`."""
+    """Return the probabilities (L, N, M) that occluder j hides a position from a camera; see `blocking`.
+
+    Args:
+        xy: (L, 2) positions.
+        cameras: (N, 2) positions of cameras.
+        priors: M priors.
+        form: PRINTED, IMPROVED or QUADRATURE.
+    """
     out = np.zeros((len(xy), len(cameras), len(priors.sigma)))
     for i, camera in enumerate(cameras):
         out[:, i] = blocking(xy, camera, priors, form)
@@ -92,7 +99,15 @@ def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floa
 
 @kernel
 def _exact_into(out: Floats, xy: Floats, camera: Floats, priors: Priors, which: Bools) -> None:
-    """Fill the columns `which` of `out` (L, M) with exact probabilities."""
+    """Write exact probabilities to the columns of `out` (L, M) in the mask `which` (M,), in place.
+
+    Args:
+        out: probability that each of M occluders hides each of L positions.
+        xy: (L, 2) positions.
+        camera: (1, 2) position of the camera.
+        priors: M priors.
+        which: mask of the columns.
+    """
     for j in range(which.shape[0]):
         if which[j]:
             for p in range(xy.shape[0]):

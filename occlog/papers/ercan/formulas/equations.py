@@ -51,7 +51,7 @@ ORTHOGONAL, OPPOSITE = "error with two orthogonal cameras", "error with two oppo
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the quantities of every run; x counts cameras for the approximations, and is NaN elsewhere."""
+    """Table of the quantities of every run; x counts cameras for the approximations, and is NaN elsewhere."""
     rows: dict[tuple[str, float], list[float]] = {}
     for run in range(size.runs):
         rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(run, 2013)))
@@ -87,7 +87,10 @@ def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], f
 
 
 def _occlusions(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Return distances from the exact p(eta), and how two close cameras depend on each other."""
+    """Return distances from the exact p(eta), and how two close cameras depend on each other, by (name, x).
+
+    They are means over `n_points` random positions.
+    """
     xy, priors = rng.uniform(0.0, SIDE, (n_points, 2)), _priors(rng)
     ground = np.array([SQUARE[n - 1][:2] for n in SQUARE_ORDER], dtype=np.float64)
     out = {}
@@ -118,7 +121,10 @@ def _independent(q: Floats) -> Floats:
 
 
 def _cameras(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Return what cameras of Fig. 5 see of the empty room, and the error of two of them without occlusions."""
+    """Return what cameras of Fig. 5 see of the empty room, and the error of two of them, by (name, x).
+
+    They are means over `n_points` random positions, without occlusions.
+    """
     xy = rng.uniform(0.0, SIDE, (n_points, 2))
     share = {n: float(np.mean(_in_view(xy, SQUARE[n - 1]))) for n in SQUARE_ORDER}
     return {
@@ -135,7 +141,10 @@ def _in_view(xy: Floats, position: Place) -> Floats:
 
 
 def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
-    """Return the RMS of the least error at positions (N, 2): two readings by Eq. 2, and a uniform prior."""
+    """Return the RMS of the least error at positions `xy` (N, 2): two readings by Eq. 2, and a uniform prior.
+
+    `pair`: numbers of the two cameras in `SQUARE`.
+    """
     information = np.tile(12.0 / SIDE**2 * np.eye(2), (len(xy), 1, 1))
     for n in pair:
         x, y, yaw = SQUARE[n - 1]
@@ -149,7 +158,7 @@ def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge the statements of Secs. 3.1, 4.2 and 6.1 and of App. B."""
+    """Return the verdicts on the statements of Secs. 3.1, 4.2 and 6.1 and of App. B."""
     own = {row.series: row for row in table if math.isnan(row.x)}
     return [*_judge_noise(own), *_judge_occlusions(table, own), *_judge_cameras(own)]
 

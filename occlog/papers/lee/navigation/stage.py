@@ -214,7 +214,14 @@ def _least(gaps: Floats) -> tuple[Floats, Ints]:
 
 
 def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Ints) -> None:
-    """Update the least clearance of each robot."""
+    """Update the least clearance of robots, and the obstacle that it is to, in `robots`.
+
+    Args:
+        robots: all N robots.
+        active: (A,) indices of those that still drive.
+        clearance: (A,) their clearance in this step.
+        nearest: (A,) index of the nearest obstacle.
+    """
     less = clearance < robots.clearance[active]
     robots.clearance[active[less]] = clearance[less]
     robots.nearest[active[less]] = nearest[less]
@@ -229,7 +236,7 @@ class _Watch:
     """
 
     def __init__(self, xy: Floats) -> None:
-        """Start with an empty history."""
+        """Create a watch for robots at the positions `xy` (N, 2), before the first step."""
         self._step, self._next = 0, 1
         self._xy, self._total = np.full_like(xy, np.nan), np.full_like(xy, np.nan)
         self._box = np.stack([xy, xy])  # least and largest x and y of each robot in this window of steps
@@ -238,7 +245,14 @@ class _Watch:
         """(N,) whether the prevention acted since the state that is compared was taken."""
 
     def repeats(self, active: Ints, xy: Floats, total: Floats, slack: float) -> Bools:
-        """Return (A,) booleans: whether robots have been at these positions with these total forces before."""
+        """Return the mask (A,) of robots that had these positions and total forces before (Brent's cycle detection).
+
+        Args:
+            active: (A,) indices of the robots.
+            xy: (A, 2) positions.
+            total: (A, 2) total forces.
+            slack: distance within which positions are equal.
+        """
         size = np.hypot(total[:, 0], total[:, 1])
         same = (distance(xy, self._xy[active]) <= slack) & (distance(total, self._total[active]) <= ROUNDING * size)
         if self._step == self._next:
@@ -249,7 +263,10 @@ class _Watch:
         return np.asarray(same)
 
     def see(self, xy: Floats, active: Ints, prevented: Bools) -> None:
-        """Record the positions (N, 2) of all robots, and where the oscillation prevention acted."""
+        """Record the positions `xy` (N, 2) of all robots, and at which active ones the oscillation prevention acted.
+
+        `active`: (A,) indices; `prevented`: (A,) mask.
+        """
         self._step += 1
         self.prevented[active] |= prevented
         if self._step % WINDOW == 0:
@@ -295,7 +312,7 @@ class PathRows:
         self._names, self._start_ns, self._step_s = (*names, ""), start_ns, step_s
 
     def tables(self, steps: Iterable[RobotStep]) -> Iterator[RobotPath]:
-        """Generate tables of up to `ROWS` rows."""
+        """Generate the steps of a drive as tables of up to `ROWS` rows."""
         left = iter(steps)
         while part := list(islice(left, ROWS)):
             yield self._table(part)

@@ -46,7 +46,7 @@ def _printed_exponent(values: Mapping[int, float]) -> float:
 
 
 def judge2(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Table 2."""
+    """Return the verdicts on the statements about Table 2."""
     out = []
     for what, name, printed in (("particles", TOTAL, PRINTED), ("time", TIME, FPS)):
         sign = 1.0 if printed is PRINTED else -1.0
@@ -159,7 +159,7 @@ FILTERS = {
 
 
 def table2(size: Size, execute: Execute) -> Table:
-    """Compute what each filter needs at each number of targets; the trials behind it are in the table only."""
+    """Table of what each filter needs at each number of targets; the trials behind it are in the table only."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6, 8)
     specs = [_spec(size, run, n) for n in counts for run in range(size.runs)]
     results, table, raw = execute(specs), [], []
@@ -182,7 +182,10 @@ def _printed(counts: Sequence[int]) -> list[PaperRow]:
 
 
 def _spec(size: Size, run: int, targets: int) -> Spec:
-    """Describe a trial of all filters with all numbers of particles on one video."""
+    """Return the specification of a trial of all filters, with all numbers of particles, on one video.
+
+    `run`: number of the run; `targets`: number of balls.
+    """
     methods = {
         f"{f.name}-{k}": {"method": f.method, "set": {**f.settings, "particles": k}}
         for f in FILTERS.values()
@@ -192,7 +195,14 @@ def _spec(size: Size, run: int, targets: int) -> Spec:
 
 
 def _trial(f: FilterVariant, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
-    """Collect effective samples and time of every run; x is the total number of particles."""
+    """Return rows of effective samples and time of every run; x is the total number of particles.
+
+    Args:
+        f: the filter.
+        targets: number of targets.
+        particles: of a tracker, or of the joint state.
+        results: figures of each run.
+    """
     found = {q: tuple(r[f"{f.name}-{particles}.{q}"] for r in results) for q in ("ess", "fr_p", "fr_l", "frame_ms")}
     rates = {q: math.fsum(found[q]) / len(results) for q in ("fr_p", "fr_l")}
     name, x = f"{f.name}, {targets} targets", f.total(targets, particles)
@@ -241,7 +251,14 @@ def _line(x: Floats, y: Floats, at: float) -> float:
 
 
 def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
-    """Return the rates at the number tried that is nearest to the one needed, and the printed number."""
+    """Return the rates at the number tried that is nearest to the mean of those needed, and the printed number.
+
+    Args:
+        f: the filter.
+        targets: number of targets.
+        trials: of each number tried.
+        need: number of particles needed in each run; empty: none is enough, and nothing is returned.
+    """
     if not need:
         return {}
     middle = math.fsum(need) / len(need)
@@ -251,7 +268,10 @@ def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequen
 
 
 def _fps(f: FilterVariant, targets: int, spent: Sequence[float]) -> dict[str, float]:
-    """Return frames (of all views) a second, and the printed ones."""
+    """Return frames (of all views) a second, and the printed ones; empty without times.
+
+    `spent`: CPU time of a frame in each run [ms].
+    """
     if not spent:
         return {}
     return {"fps": 1e3 * len(spent) / math.fsum(spent), "printed": FPS.get(f.name, {}).get(targets, math.nan)}
