@@ -181,7 +181,13 @@ def _shown(locations: Sequence[str]) -> dict[str, str]:
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
-    """Reserve and return an unused name that file systems accept."""
+    """Return `stem` with a hash, a name that file systems accept, and add its key to `taken`, in place.
+
+    Args:
+        stem: first part, cut if too long.
+        shown: location of the recording, which is hashed.
+        taken: keys of the names in use (`key_of_name`).
+    """
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
     ends = (f"-{digest[:length]}" for length in range(MIN_DIGITS, len(digest) + 1))
     names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)

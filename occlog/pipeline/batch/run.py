@@ -154,7 +154,10 @@ def _row(each: RecordingOutcome) -> dict[str, object]:
 
 
 def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[str, object]]:
-    """A row for each figure of the evaluations."""
+    """Generate a row (recording, file, name, value) for each figure of the evaluations; None for unknown values.
+
+    `runs`: folder with the runs.
+    """
     for each in outcomes:
         for file in METRICS_FILES:
             if file not in each.outputs:
@@ -247,7 +250,7 @@ def _check_config(config: Config) -> None:
 
 
 def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> None:
-    """UsageError for paths that other processes cannot access."""
+    """UsageError for locations in the memory of this process, if other processes are to work on them."""
     here = [
         p for p in (request.output, *(source.location for source in sources)) if is_url(p) and kind_of(p) == "memory"
     ]
@@ -260,7 +263,15 @@ def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> N
 def _outcomes(
     request: BatchRequest, config: Config, sources: Sequence[BatchRecording], folder: str, quiet: bool
 ) -> list[RecordingOutcome]:
-    """Outcome of every recording, in order."""
+    """Run all recordings, and return their outcomes in order.
+
+    Args:
+        request: workers, scheduler, whether to redo runs.
+        config: of the runs.
+        sources: recordings; those with a fault are not run.
+        folder: path or URL of the batch.
+        quiet: show no progress.
+    """
     # A worker of another machine may have another working folder
     config = replace(config, path=config.path.absolute())
     tasks = {
@@ -296,7 +307,14 @@ def _refused(source: BatchRecording) -> RecordingOutcome:
 
 
 def _fetch_gathered(location: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
-    """Fetch the files needed for the tables over all recordings."""
+    """Download the files needed for the tables over all recordings.
+
+    Args:
+        location: URL of the batch.
+        runs: local folder, with a subfolder for each run.
+        outcomes: of the recordings.
+        results: names of result tables that are gathered.
+    """
     for each in outcomes:
         wanted = [name for name in each.outputs if name in METRICS_FILES or name in results]
         fetch_files(f"{location}/{RUNS}/{each.name}", wanted, runs / each.name)
@@ -319,7 +337,10 @@ def _from_here(source: BatchRecording) -> str:
 
 
 def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
-    """Report failed and implausible recordings on standard error."""
+    """Write failed, lossy and implausible recordings to standard error; `quiet`: no warnings about the last.
+
+    `sources`: the recordings of the outcomes, in the same order.
+    """
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
     for each, source in failed[:MAX_REPORTED]:
         message = each.message.replace(in_line(each.shown), _from_here(source))

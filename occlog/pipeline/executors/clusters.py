@@ -30,7 +30,7 @@ class DaskCluster:
     """Workers of a Dask scheduler; they need the same version of occlog."""
 
     def __init__(self, address: str) -> None:
-        """Use the scheduler at `address`, e.g. tcp://10.0.0.1:8786."""
+        """Store the address of a Dask scheduler, for example tcp://10.0.0.1:8786; connect later."""
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
@@ -102,7 +102,10 @@ class DaskCluster:
 
 
 async def _greet(library: Any, address: str) -> None:
-    """Test the connection to a scheduler, within Dask's configured timeout."""
+    """Connect to the Dask scheduler at `address` and close; OSError if it does not answer in Dask's timeout.
+
+    `library`: the module `distributed`.
+    """
     arguments = library.Security().get_connection_args("client")
     comm = await library.core.connect(address, **arguments)
     await comm.close()
@@ -110,7 +113,7 @@ async def _greet(library: Any, address: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Context manager that silences Dask's connection logs."""
+    """Context manager: silence all logs inside, thus Dask's about its connections."""
     before = logging.root.manager.disable
     logging.disable()
     try:
@@ -120,7 +123,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _in_turn(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Run a task exclusively among the threads of this worker."""
+    """Return work(piece), exclusively among the threads of this worker; InputError for another `version` of occlog."""
     with _ONE_AT_A_TIME:
         return done_alike(version, work, piece)
 
@@ -133,7 +136,14 @@ class RayCluster:
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task with a worker that died as often as Ray allows."""
+        """Generate key and result of each task as it ends; `Lost` if its worker died as often as Ray allows.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+
+        UsageError if Ray is not installed, or the scheduler does not answer.
+        """
         try:
             import ray
         except ImportError as error:
@@ -195,7 +205,12 @@ class Jobs:
         self._cluster, self._folder, self._count, self._settings = cluster, folder, int(count), options
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results as jobs end; `Lost` for every task of a job that did not finish."""
+        """Generate key and result of each task as jobs end; `Lost` for every task of a job that did not finish.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+        """
         library = _library()
         if not self._folder.exists():
             # Others of this machine are not to read what jobs are given
@@ -248,5 +263,5 @@ def _number(value: str) -> object:
 
 
 def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
-    """Run the tasks of a job in subprocesses, so that one that crashes does not end the job."""
+    """Return key and result of the tasks of a job, run in subprocesses, so that a crash does not end the job."""
     return list(Processes(1).outcomes(dict(pieces), work))

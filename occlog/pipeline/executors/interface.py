@@ -40,7 +40,7 @@ class Executor(Protocol):
 
 
 def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Run a task on another machine; InputError if its occlog has another version."""
+    """Return work(piece) on a worker; InputError if its occlog is not of this `version`."""
     if version != __version__:
         raise InputError(
             f"a worker has occlog {__version__}, this is {version}; install the same", id="version-mismatch"
@@ -52,6 +52,6 @@ class InThisProcess:
     """Executor that runs one task after another in this process."""
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results in the order of the tasks."""
+        """Generate key and result of each task, in their order, run in this process."""
         for key, piece in todo.items():
             yield key, work(piece)

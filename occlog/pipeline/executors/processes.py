@@ -34,7 +34,14 @@ class Processes:
         self._workers = workers
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task with a process that died twice, the second time alone in it."""
+        """Generate key and result of each task as it ends.
+
+        `Lost` for a task with a process that died twice, the second time alone in it.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+        """
         rest = dict(todo)
         while rest:
             pool = _Pool(min(self._workers, len(rest)), work)

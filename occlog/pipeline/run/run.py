@@ -41,7 +41,7 @@ WAITING = "would run"
 
 @dataclass(frozen=True)
 class StageOutcome:
-    """Outcome of a stage, stored in `run.json`."""
+    """Outcome of a stage, as `run.json` stores it: key of its inputs and settings, exit code, hashes of its outputs."""
 
     key: str  # hash of everything that the outputs depend on
     code: int
@@ -49,7 +49,7 @@ class StageOutcome:
 
 
 class StageStep(NamedTuple):
-    """State of a finished stage."""
+    """Report on one stage of a run: what was done, exit code and outputs."""
 
     stage: str
     what: str  # "up to date", `WAITING` or "done"
@@ -61,7 +61,7 @@ class Digests:
     """Cache of file hashes; each file is read once unless it changes."""
 
     def __init__(self) -> None:
-        """Create an empty cache."""
+        """Create an empty cache of hashes of files."""
         self._known: dict[tuple[str, int, int], str] = {}
 
     def of(self, path: Path) -> str:
@@ -155,7 +155,16 @@ def do_stages(
 def _stages(
     wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None], noted: Collection[str]
 ) -> Iterator[StageStep]:
-    """Run the stages (`do_stages`) in an existing run folder."""
+    """Run the stages in an existing run folder, and generate a report on each, up to the first that fails.
+
+    Args:
+        wanted: the configuration.
+        folder: of the run.
+        force: redo stages that are up to date.
+        dry_run: run none, report which would be run.
+        begin: called with the name of a stage before it runs.
+        noted: names of stages whose notes are printed.
+    """
     state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
@@ -202,7 +211,7 @@ def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[
 
 
 def _remove_outputs(folder: Path, older: StageOutcome, made: Collection[str]) -> None:
-    """Remove outputs of a stage from another configuration, except those made now."""
+    """Remove unchanged outputs of an older outcome of a stage, except those whose names are in `made`."""
     for file, digest in older.outputs.items():
         path = folder / file
         if file not in made and path.is_file() and hash_file(path) == digest:
@@ -219,7 +228,7 @@ def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:
 
 
 def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
-    """Losses recorded in tables, without duplicates."""
+    """Return the losses recorded in the Parquet tables among `files`, without duplicates."""
     return previous_losses(file for file in files if file.suffix == ".parquet")
 
 

@@ -135,12 +135,15 @@ class RunStage:
         return None if plugin is None else self._chosen(plugin)
 
     def _chosen(self, plugin: Plugin) -> Chosen:
-        """A plug-in with its settings."""
+        """Return a plug-in with its settings in the configuration."""
         entries = form_of_plugin(plugin).entries()
         return Chosen(plugin, {entry.of.name: self._read(entry) for entry in entries if self._has(entry)})
 
     def _read(self, entry: RequestEntry, kept: Path | None = None) -> object:
-        """Parse the value of a key to that of the request's field."""
+        """Return the value of a key in the type of the request's field; UsageError if it does not fit.
+
+        `kept`: file that replaces standard input (`-`); None: it stays.
+        """
         value, of = self.values[entry.key], entry.file
         if entry.plugged is not None:
             return tuple(self._chosen(plugin) for plugin in self._plugins(entry))
@@ -155,7 +158,7 @@ class RunStage:
         return tuple(zip(*(flat[n :: of.together] for n in range(of.together)), strict=True))
 
     def _settings(self) -> dict[str, str]:
-        """Values under `set`, as text by name."""
+        """Return the settings under the key `set`, as text by name; UsageError unless each is NAME=VALUE."""
         given = self.values.get(SET) or {}
         if isinstance(given, Mapping):
             return {str(name): ",".join(map(str, listed(value))) for name, value in given.items()}
@@ -166,7 +169,7 @@ class RunStage:
         return {name.strip(): value for name, _, value in parts}
 
     def _free(self) -> list[type[Settings]]:
-        """Settings classes to which `set` applies."""
+        """Return the settings classes to which the key `set` applies; empty if there are none."""
         free = self.form.set_group()
         return [] if free is None else [self.form.classes()[free[0]], *self.form.around]
 
@@ -195,7 +198,7 @@ class RunStage:
 
 @dataclass(frozen=True, kw_only=True)
 class _Plugged(Request):
-    """Settings of a plug-in."""
+    """Request that consists of the settings of a plug-in alone, to parse them."""
 
     own: Mapping[str, object] = group(None)
 
@@ -206,7 +209,10 @@ def form_of_plugin(plugin: Plugin) -> Form:
 
 
 def plugin_of(key: str, name: str, kind: str) -> Plugin:
-    """Plug-in of a name; UsageError, with the most similar name, if missing."""
+    """Return the plug-in of a name and kind; UsageError, with the most similar name, if missing.
+
+    `key`: of the configuration that names it, for the message.
+    """
     plugin = find(name, kind)
     if plugin is None:
         known = did_you_mean(name, (each.name for each in installed(kind)))
@@ -234,7 +240,13 @@ def setting_of(entry: RequestEntry, value: object) -> object:
 
 
 def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:
-    """Parse a path, or the number that may replace it."""
+    """Return the path that a value names, or the number that may replace it.
+
+    Args:
+        entry: field of the request.
+        value: of the key.
+        kept: file that replaces standard input (`-`); None: it stays.
+    """
     text = ",".join(map(str, listed(value)))
     if kept is not None and text == STANDARD_INPUT:
         return kept

@@ -118,7 +118,10 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
 
 
 def as_text(made: Choices, unused: Sequence[str], folder: Path) -> str:
-    """Text of the configuration with its choices as comments; paths are relative to the run folder."""
+    """Return the YAML text of the configuration, with its choices as comments; paths are relative to the run folder.
+
+    `unused`: lines about inputs that are not used.
+    """
     stages = list(dict.fromkeys([*made.values, *made.given]))
     values: dict[str, object] = {"occlog_run": 1}
     whole = {**made.values.get("", {}), **made.given.get("", {})}
