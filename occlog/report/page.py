@@ -142,7 +142,7 @@ def row_counts(data: ReportInput) -> list[Figure]:
 
 
 class CheckRow(NamedTuple):
-    """Row of the table of checks."""
+    """Row of the page's table of checks: name, stage, result, figures, and the sensors and targets it concerns."""
 
     name: str
     stage: str
@@ -169,12 +169,12 @@ def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
 
 
 def check_counts(verdicts: Sequence[Verdict]) -> str:
-    """Number of checks by outcome, as text."""
+    """Return the numbers of checks by outcome, as text."""
     return counts_of(check for _, check in made_checks(verdicts))
 
 
 def affected(check: Check) -> str:
-    """Sensors and targets of a finding."""
+    """Return the sensors and targets of a finding, as text."""
     targets = [f"target {target}" for target in check.targets]
     return ", ".join([*check.sensors, *targets])
 
@@ -285,7 +285,7 @@ def _plots(data: ReportInput) -> list[Plot]:
 
 
 def floorplan(data: ReportInput) -> Plot:
-    """Draw the floor plan (inside `house_style`)."""
+    """Draw the floor plan, inside `house_style`; return it with its caption."""
     size = np.diff(plan_limits(data), axis=0)[0]
     height = float(np.clip(WIDTH * 0.88 * size[1] / size[0] + 1.0, 3.4, 8.4))
     words = ["Seen from above, x and y to the same scale."]
@@ -522,7 +522,13 @@ def build_markdown(data: ReportInput) -> str:
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[object]], sides: str) -> list[str]:
-    """Lines of a Markdown table; `sides`: alignment of each column, left (l) or right (r)."""
+    """Return the lines of a Markdown table.
+
+    Args:
+        head: titles of the columns.
+        rows: cells of each row.
+        sides: alignment of each column, left (l) or right (r), as in `lrr`.
+    """
     lines = [_row(head), "|" + "|".join("---:" if side == "r" else "---" for side in sides) + "|"]
     return [*lines, *(_row(row) for row in rows), ""]
 

@@ -67,7 +67,7 @@ class Thumbnails:
 
     @property
     def times(self) -> Ints:
-        """(N,) distinct times of all images [ns]."""
+        """Distinct times (N,) of all images [ns]."""
         return np.unique(np.array([t for images in self.cameras.values() for t, _ in images], dtype=np.int64))
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
@@ -128,7 +128,14 @@ def _size(
     sources: OverlayTables | ImageTables | None,
     targets: Sequence[int],
 ) -> int:
-    """Total size [bytes] of the first decodable images of all cameras."""
+    """Return the total size [bytes] of the first decodable image of each camera, with its drawings.
+
+    Args:
+        opened: the recording.
+        known: numbers of the frames by camera.
+        sources: tables that are drawn; None: none.
+        targets: identities, which set the colours.
+    """
     wanted = {name: set(own) for name, own in known.items()}
     size = 0
     for name, _, data in _drawn(opened, wanted, sources, targets, LostFrames()):
