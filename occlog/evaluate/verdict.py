@@ -367,9 +367,7 @@ class SightEvidence:
         self._alone.add(residuals, limits.end)
 
     def finish(self) -> None:
-        """Close the comparison after the last section: pending bearings, and the share of pose errors of each
-        camera.
-        """
+        """Close the comparison after the last section: pending bearings, and the share of pose errors by camera."""
         self._alone.add(Residuals.empty(), LAST)
         for camera in self._scene.cameras:
             found = self._evidence.agreements.sensors.get(camera.name)
