@@ -115,7 +115,13 @@ def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> A
 
 
 def source(help: str, *, required: bool | None = None, **declared_of: Any) -> Any:
-    """Declare a field that names a file to read; positional arguments are required by default, options are not."""
+    """Declare a field that names a file to read.
+
+    Args:
+        help: sentence for the help of the option.
+        required: None: positional arguments are required, options are not.
+        **declared_of: further fields of the `File` declaration.
+    """
     of = File(help, **declared_of)
     return _file(of, of.argument if required is None else required)
 
@@ -197,7 +203,7 @@ class Request(Settings):
         return found
 
     def file_field(self, field_name: str) -> File:
-        """Declaration of a file field; items of a tuple are named `name[1]`."""
+        """Return the declaration of the file field `field_name`; items of a tuple are named `name[1]`."""
         found: File = type(self).__dataclass_fields__[field_name.partition("[")[0]].metadata["file"]
         return found
 
@@ -440,7 +446,7 @@ class Verb:
 
 
 def _flat(value: object) -> Iterator[object]:
-    """Flatten nested tuples; other values are returned as one item."""
+    """Generate the items of nested tuples in `value`; another value is one item."""
     if isinstance(value, tuple):
         for each in value:
             yield from _flat(each)
@@ -449,7 +455,7 @@ def _flat(value: object) -> Iterator[object]:
 
 
 def _key(f: Field[Any]) -> str:
-    """Name of a field: that of its option, or its own."""
+    """Return the key of a request field `f`: the name of its option, with `_`, or its own."""
     of: File | PluginField | Declaration = f.metadata.get("file") or f.metadata.get("plugged") or declaration(f)
     option = of.option
     if option is None or getattr(of, "argument", False):
@@ -459,7 +465,7 @@ def _key(f: Field[Any]) -> str:
 
 
 def _under(under: str, name: str) -> str:
-    """Return `name` with a prefix as a Python identifier: `_` in the prefix for other characters, and after it."""
+    """Return `name` with the prefix `under` as a Python identifier: `_` in it for other characters, and after it."""
     return "".join(c if c.isalnum() else "_" for c in f"{under}_") + name if under else name
 
 

@@ -113,7 +113,7 @@ class Declaration:
         return " and ".join(f"{word} {end:g}" for word, end in ends if end is not None)
 
     def holds(self, value: Any) -> bool:
-        """Whether a number or text is in the range; True for None."""
+        """Whether `value`, a number, text or tuple, is in the range or among the choices; True for None."""
         if value is None:
             return True
         if self.choices:
@@ -187,7 +187,7 @@ class Settings:
 
 
 def _check(of: type[Settings], f: Field[object], value: Any) -> None:
-    """SettingError for a value of the wrong type, not finite, or out of range."""
+    """SettingError if `value` does not fit the field `f` of the settings class `of`: type, not finite, out of range."""
     spec, kind = declaration(f), kind_of(of, f.name)
     if not (value is None and optional(kind)) and not _is_a(value, kind):
         raise SettingError(of.OWNER, f.name, repr(value), spec.limit() if spec.choices else KIND_WORDS[item_kind(kind)])
@@ -218,7 +218,7 @@ KIND_WORDS: dict[type | tuple[type, type], str] = {
 
 
 def item_kind(kind: object) -> type | tuple[type, type]:
-    """Key of `KIND_WORDS` of an annotated type: the plain type, or a tuple with its item type."""
+    """Return the key of an annotated type in `KIND_WORDS`: the plain type without None, or (tuple, item type)."""
     plain = plain_kind(kind)
     if plain is not tuple:
         return plain
@@ -227,7 +227,7 @@ def item_kind(kind: object) -> type | tuple[type, type]:
 
 
 def _is_a(value: object, kind: object) -> bool:
-    """Whether a value is of the annotated type; an int is accepted as a float, a bool is not."""
+    """Whether a value is of the annotated type `kind`; an int is accepted as a float, a bool is not."""
     key = item_kind(kind)
     if isinstance(key, tuple):
         items = {float: numbers.Real, int: numbers.Integral}.get(key[1], str)
@@ -238,7 +238,7 @@ def _is_a(value: object, kind: object) -> bool:
 
 
 def counted(counts: tuple[int, ...]) -> str:
-    """Describe the allowed lengths of a tuple setting, as text."""
+    """Return the allowed lengths of a tuple setting as text: `2 or 3 numbers`."""
     return " or ".join(str(n) for n in counts) + " numbers"
 
 
@@ -267,7 +267,7 @@ def default_in(f: Field[object], length_unit: str) -> object:
 
 
 def configure(config: C, values: Mapping[str, object]) -> C:
-    """Replace some settings; texts are parsed to the type of the setting.
+    """Return a copy of the settings with `values` by name; texts are parsed to the type of the setting.
 
     Raises:
         UsageError: an unknown setting, or an invalid text.
@@ -325,14 +325,14 @@ def _kinds(of: type) -> Mapping[str, object]:
 
 
 def plain_kind(kind: object) -> type:
-    """The type without None: `float` of `float | None`; `tuple` of a tuple of numbers."""
+    """Return the annotated type `kind` without None: `float` of `float | None`; `tuple` of a tuple of numbers."""
     if isinstance(kind, types.UnionType):
         kind = next(k for k in typing.get_args(kind) if k is not types.NoneType)
     return typing.cast(type, typing.get_origin(kind) or kind)
 
 
 def optional(kind: object) -> bool:
-    """Whether a setting of this type may be None."""
+    """Whether a setting of the annotated type `kind` may be None."""
     return isinstance(kind, types.UnionType) and types.NoneType in typing.get_args(kind)
 
 
@@ -378,7 +378,7 @@ def json_schema(of: type[Settings]) -> dict[str, object]:
 
 
 def _property(of: type[Settings], f: Field[object]) -> dict[str, object]:
-    """JSON Schema of one setting, including a different default for metres."""
+    """Return the JSON Schema of the field `f` of the settings class `of`, with a different default for metres."""
     spec, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]

@@ -84,7 +84,7 @@ def declared_value(of: type[Settings], name: str, value: object) -> object:
 
 
 def names_of(value: str | Sequence[str]) -> tuple[str, ...]:
-    """Sensor names: one, several in a list, or separated by commas."""
+    """Return the sensor names of an argument: one, several in a sequence, or separated by commas."""
     texts = [value] if isinstance(value, str) else list(value)
     return tuple(part.strip() for text in texts for part in str(text).split(",") if part.strip())
 
@@ -259,7 +259,13 @@ def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs
 
 
 def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, name: str) -> tuple[Chosen, ...]:
-    """Selected plug-ins of a kind, from their names, or from settings by name."""
+    """Return the selected plug-ins of a kind with their settings.
+
+    Args:
+        value: names, or mapping from names to settings.
+        kind: of the plug-ins, for example `filter`.
+        name: of the argument, for messages.
+    """
     given = value if isinstance(value, Mapping) else {each: {} for each in value}
     found = []
     for each, values in given.items():

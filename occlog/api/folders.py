@@ -37,7 +37,7 @@ class Folder:
         return self.path / name
 
     def written(self, names: Iterable[str]) -> dict[str, Path]:
-        """The existing Parquet files of the tables, by name."""
+        """Return the paths of the Parquet files of the tables `names` that exist in the folder, by name."""
         paths = {name: self.file(f"{name}.parquet") for name in names}
         return {name: path for name, path in paths.items() if path.is_file()}
 

@@ -211,7 +211,7 @@ class OverlayResult(Result):
 
 
 def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
-    """Return the tables written into a folder, by name."""
+    """Return the tables `names` that were written into a folder, by name; missing ones are left out."""
     return {name: Table(path, home=folder) for name, path in folder.written(names).items()}
 
 
@@ -226,7 +226,7 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(messages: Iterable[str], losses: Iterable[Loss]) -> None:
-    """Issue Python warnings for findings at the caller's line, one each; all losses in one."""
+    """Issue Python warnings at the line of the caller outside of occlog: one for each message, one for all losses."""
     level = 1
     frame: FrameType | None = sys._getframe()
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

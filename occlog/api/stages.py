@@ -396,7 +396,10 @@ def _named(value: object, argument: str) -> tuple[str, ...]:
 
 
 def _text(value: object, argument: str) -> str:
-    """Format a value as typed on the command line: 10.0 is 10; UsageError for a table in memory."""
+    """Return a value as typed on the command line: 10.0 is 10.
+
+    UsageError, which names the argument, for a table in memory.
+    """
     if isinstance(value, float):
         return f"{value:.15g}"
     if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
@@ -405,7 +408,10 @@ def _text(value: object, argument: str) -> str:
 
 
 def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> tuple[str, ...]:
-    """Frame ranges as command-line values; UsageError for anything else."""
+    """Return frame ranges, (first, stop) of all or by camera, as the command takes them: `0:100`, `cam1=0:100`.
+
+    UsageError for other values; None gives none.
+    """
     each = frames if isinstance(frames, Mapping) else {} if frames is None else {"": frames}
     found = {n: _pair(p, "frames", len(p) == 2 and 0 <= p[0] < p[1]) or (0, 0) for n, p in each.items()}
     texts = {name: f"{first}:{stop}" for name, (first, stop) in found.items()}

@@ -140,7 +140,7 @@ class Table:
         return frame
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
-        """The rows as an Arrow C stream, so that polars, DuckDB and others take the table as it is."""
+        """Return the rows as a PyCapsule of an Arrow C stream, so that polars, DuckDB and others can take the table."""
         return self._read(None).__arrow_c_stream__(requested_schema)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -177,7 +177,10 @@ class Table:
         run_export(request)
 
     def _read(self, columns: list[str] | None, datetimes: bool = False) -> Any:
-        """Rows of some columns; texts are not dictionary-encoded."""
+        """Return the rows of the columns (None: all) as a pyarrow table; texts are not dictionary-encoded.
+
+        `datetimes`: convert `t_ns` to time stamps (UTC).
+        """
         import pyarrow as pa
 
         from occlog.io.files.tables.parquet import open_parquet

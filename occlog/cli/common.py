@@ -174,7 +174,10 @@ def _takes_reader(command: click.Command) -> bool:
 
 
 def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
-    """Add the settings of the reader plug-in named on the command line to a command."""
+    """Return a copy of the command with the settings of the reader plug-in that is named on the command line.
+
+    The command itself, if `words` (the arguments) name none, or it has no option `--reader`.
+    """
     name = value_after(words, "--reader")
     if name is None or isinstance(command, click.Group) or all(p.name != "reader" for p in command.params):
         return command

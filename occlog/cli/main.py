@@ -194,7 +194,7 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the command of this name with the options that all commands have; None if unknown."""
+        """Import and return the command `cmd_name` with the options that all commands have; None if unknown."""
         if cmd_name not in COMMANDS:
             return None
         from .common import add_common, with_reader
@@ -225,7 +225,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return name, command and arguments after the name; the message on an unknown name suggests the nearest."""
+        """Return name, command and arguments of the words `args`; the message on an unknown name suggests another."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean {near[0]!r}?" if near else f"Commands: {', '.join(COMMANDS)}."
@@ -233,7 +233,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments up to the command name; an unknown option before it is refused: options go after it."""
+        """Parse `args` up to the command name; an unknown option before it is refused, since options go after it."""
         ctx.meta[WORDS] = tuple(args)
         try:
             return super().parse_args(ctx, args)
@@ -257,7 +257,7 @@ def cli() -> None:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the command line and leave the process with its exit code."""
+    """Run the command line (`args` None: that of the process), and leave the process with its exit code."""
     INTERRUPTS.install()
     streams.install()
     allow_open_files()
@@ -274,7 +274,7 @@ def _only_own_lines() -> None:
 
 
 def run(args: list[str] | None = None) -> int:
-    """Run the command line; return the exit code."""
+    """Run the command line (`args` None: that of the process), and return the exit code."""
     words = sys.argv[1:] if args is None else args
     NOTED_ONCE.clear()
     loud = QUIET.set(False)
@@ -368,7 +368,7 @@ def _bug(error: Exception) -> str:
 
 
 def _show_plan(as_json: bool) -> None:
-    """Print what a dry run would have done."""
+    """Print the files that a dry run would have read, written and replaced; `as_json`: as one JSON object."""
     from occlog.console.notes import named
     from occlog.console.summary import echo_summary
 
@@ -379,7 +379,7 @@ def _show_plan(as_json: bool) -> None:
 
 
 def _fail(error: Explained, words: Sequence[str]) -> int:
-    """Print an error on standard error: one line, or a JSON object with `--json`."""
+    """Print an error on standard error, one line or, with `--json` in `words`, a JSON object; return the exit code."""
     from occlog.console.notes import named
     from occlog.console.text import shortened
 

@@ -62,14 +62,14 @@ workers_opt = click.option(
 
 
 def set_opt(example: str) -> Callable[[F], F]:
-    """`--set`, repeated, for settings without a separate option."""
+    """Decorator that adds `--set NAME=VALUE`, repeated, for settings without an option; `example` is for its help."""
     return click.option(
         "--set", "settings", multiple=True, metavar="NAME=VALUE", help=f"A setting, e.g. {example}; may be repeated."
     )
 
 
 def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
-    """Decorator that adds the option `-o/--output`, a path, with the help `help_text`."""
+    """Decorator that adds the option `-o/--output`, a path, with the help `help_text`; `required`: no default."""
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)
 
 

@@ -243,7 +243,7 @@ def _strict(request: type[Request]) -> list[click.Option]:
 
 
 def _common(example: str) -> list[click.Option]:
-    """Options of every request: settings, outputs that are replaced, quiet, JSON."""
+    """Return the options of every request: --set, --overwrite, --quiet and --json; no --set if `example` is empty."""
     decorators = [options.set_opt(example)] if example else []
     decorators += [options.overwrite_opt, options.quiet_opt, options.json_opt]
     return [_made(each) for each in decorators]

@@ -118,7 +118,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """Text of a default: `1.7 m, or 3.33 in a scene-specific unit`."""
+    """Return the default of the settings field `f` as text: `1.7 m, or 3.33 in a scene-specific unit`."""
     spec = declaration(f)
     if spec.shown is not None:
         return spec.shown
@@ -133,7 +133,7 @@ def default_words(f: Field[object]) -> str:
 
 
 def value_words(f: Field[object], value: object) -> str:
-    """Format a value as typed on the command line."""
+    """Return a value of the settings field `f` as typed on the command line."""
     if value is None:
         return declaration(f).nothing or "none"
     if isinstance(value, bool):
@@ -425,7 +425,7 @@ class VariantCommand(SettingsCommand):
         return self.chosen_by.format(name) if own is None else own
 
     def _named(self, names: Sequence[str]) -> str:
-        """Format variants as they are chosen: `--method apf, imm`."""
+        """Return the words that choose the variants `names`: `--method apf, imm`."""
         alike = [n for n in names if self.variants[n].called is None]
         own = [self.called(n) for n in names if n not in alike]
         return ", ".join([*own, *([self.chosen_by.format(", ".join(alike))] if alike else [])])
@@ -527,7 +527,7 @@ class PluggedCommand(SettingsCommand):
         return super().parse_args(ctx, args)
 
     def options_of(self, names: Iterable[str]) -> dict[Plugin, list[SettingOption]]:
-        """Options of named plug-ins; UsageError for a name that is neither built in nor a plug-in."""
+        """Return the options of each plug-in in `names`; UsageError for a name neither built in nor of a plug-in."""
         found = {}
         for name in names:
             if name not in self.ours:

@@ -82,7 +82,7 @@ def _refuse(of: Any, *starts: str, rest: bool = False) -> None:
 
 
 def check_shape(of: Any) -> None:
-    """A `Detected` with a score for each box is given back."""
+    """Check that `detect` returns a `Detected` with a score for each box."""
     _refuse(of, "boxes are not finite", "embeddings are not finite", "box ", "score ", rest=True)
 
 
@@ -147,7 +147,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_results(of: Any) -> None:
-    """Check that returned arrays do not change later."""
+    """Check that returned arrays do not change at later calls."""
     with called("a new detector"):
         own = start(of)
     kept = []
@@ -166,7 +166,7 @@ def check_read_only(of: Any) -> None:
 
 
 def check_strided(of: Any) -> None:
-    """Check images that are not contiguous in memory."""
+    """Check that an image that is not contiguous in memory gives the same boxes as its copy."""
     wide = np.zeros((SIZE[0], 2 * SIZE[1], 3), dtype=np.uint8)
     wide[:, ::2] = image(1)
     if as_bytes(film(of, [wide[:, ::2]], "an image with gaps in memory: detect")) != as_bytes(film(of, [image(1)])):

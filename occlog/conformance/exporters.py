@@ -62,14 +62,14 @@ def check_tables(of: Any) -> None:
 
 
 def check_writes(of: Any) -> None:
-    """Every table that is taken can be written, and something is written."""
+    """Check that each table which the exporter takes can be written, with some output."""
     for rows in taken(of):
         if not write(of, rows, f"writing {rows.NAME}"):
             raise BrokenError(f"of {len(rows)} rows of {rows.NAME} nothing is written")
 
 
 def check_rows(of: Any) -> None:
-    """Check that the output depends on each row."""
+    """Check that the output depends on the first and on the last row."""
     for rows in taken(of):
         whole = write(of, rows, f"writing {rows.NAME}")
         for name, row in (("first", 0), ("last", -1)):
@@ -115,7 +115,7 @@ def check_names(of: Any) -> None:
 
 
 def check_old_times(of: Any) -> None:
-    """Times may count from 0, or be before 1970."""
+    """Check that tables with times before 1970 (negative) can be written."""
     for rows in taken(of):
         columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
         early = type(rows).of(**{**columns, "t_ns": rows.t_ns - int(rows.t_ns[0]) - 10**9})  # type: ignore[attr-defined]
@@ -134,7 +134,7 @@ def check_exact_times(of: Any) -> None:
 
 
 def check_unit(of: Any) -> None:
-    """Lengths may be in centimetres, or in a scene-specific unit."""
+    """Check that tables with lengths in centimetres and in a scene-specific unit can be written."""
     for rows in taken(of):
         for unit, factor in (("cm", 100.0), ("cell", 1.0)):
             write(of, in_unit(rows, factor), f"writing {rows.NAME} in {unit}", unit=unit)

@@ -37,7 +37,10 @@ Check = Callable[[Any], None]
 
 @contextmanager
 def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
-    """BrokenError if the code inside raises anything but a refusal."""
+    """Context manager: turn any error of the code inside into a BrokenError; `refusals` are raised as they are.
+
+    `what`: words for the call in the message.
+    """
     try:
         yield
     except Exception as error:
@@ -58,7 +61,7 @@ def defaults(of: Any, length_unit: str = "m") -> Settings:
 
 
 def check_interface(of: Any) -> None:
-    """The summary is a line, and the settings are declared as this program's are."""
+    """Check that a plug-in class has a summary of one line, and settings that are a dataclass derived from Settings."""
     if not isinstance(of.summary, str) or not of.summary.strip() or "\n" in of.summary:
         raise BrokenError("summary must be one line of text")
     if not (isinstance(of.settings, type) and issubclass(of.settings, Settings) and is_dataclass(of.settings)):
@@ -66,7 +69,7 @@ def check_interface(of: Any) -> None:
 
 
 def check_settings(of: Any) -> None:
-    """Every setting is declared with a help text, and its default is in its range in every unit."""
+    """Check that all settings are declared with a help text, and have valid defaults in every unit."""
     for f in fields(of.settings):
         reported = f.metadata.get("setting")
         if reported is None or not reported.help.strip():
@@ -79,7 +82,10 @@ def check_settings(of: Any) -> None:
 
 
 def bytes_left(steps: Iterable[object], first: int) -> float:
-    """Bytes of memory that each step leaves behind, of those after the first ones, on average."""
+    """Return the bytes of memory that a step leaves behind, on average over the steps after the `first` ones.
+
+    `steps`: generates the steps, each when it is asked for.
+    """
     size, count = 0, 0
     tracemalloc.start()
     try:

@@ -67,7 +67,7 @@ def _alike(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
 
 
 def check_units(of: Any) -> None:
-    """Units are declared for figures with names that are words."""
+    """Check that a metric declares a unit for each figure, and names figures by small letters, digits and `_`."""
     if not isinstance(of.units, Mapping) or not of.units:
         raise BrokenError("units must be a mapping of names to units, with one figure at least")
     for name, unit in of.units.items():
@@ -80,7 +80,7 @@ def check_units(of: Any) -> None:
 
 
 def check_figures(of: Any) -> None:
-    """All figures that units declares are given, as numbers, and no others."""
+    """Check that a metric returns all figures that `units` declares, as numbers, and no others."""
     figures(of, compared())
 
 
@@ -173,7 +173,7 @@ def check_unit(of: Any) -> None:
 
 
 def check_epoch(of: Any) -> None:
-    """Times can count from 1970 or from a recording's start."""
+    """Check that figures do not depend on the epoch of times: 1970, or the start of the recording."""
     _alike(of, compared(start_ns=START_NS % 10**9), "with times that begin near 0")
 
 

@@ -66,7 +66,10 @@ def checks_with(sample: Path) -> dict[str, Check]:
 
     @contextmanager
     def laid_out(of: Any) -> Iterator[ForeignTable]:
-        """The columns as the table that the reader states; BrokenError where they, or rows, are none."""
+        """Context manager: yield the columns read from the sample as the table that the reader class `of` states.
+
+        BrokenError if there are no such columns or rows.
+        """
         found = text(of)
         with TemporaryDirectory() as other:
             path = Path(other) / "as_read.csv"
@@ -79,13 +82,13 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
 
     def check_fits(of: Any) -> None:
-        """The columns make the table that the reader states."""
+        """Check that the columns read from the sample make the table that the reader states."""
         if of.table in TABLES:
             with laid_out(of) as table:
                 list(table.rows(TABLES[of.table]))
 
     def check_used(of: Any) -> None:
-        """No column is there that the table does not know."""
+        """Check that the reader returns no column that its table does not have."""
         if of.table in TABLES:
             with laid_out(of) as table:
                 used = {spelled.name for spelled in table.layout.columns}
@@ -102,7 +105,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError("a copy of the file with another name is read differently")
 
     def check_unchanged(of: Any) -> None:
-        """A file that is read stays as it is, and no file appears next to it."""
+        """Check that `read` leaves the file unchanged, and creates no other in its folder."""
         with TemporaryDirectory() as other:
             path = Path(other) / sample.name
             shutil.copy(sample, path)
@@ -153,7 +156,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             raise BrokenError(f"{what}: {wrong}")
 
     def check_absent(of: Any) -> None:
-        """A file that is not there is an OSError."""
+        """Check that `read` raises OSError for a missing file."""
         with TemporaryDirectory() as other:
             try:
                 with called("a file that is not there: read", OSError):
@@ -163,7 +166,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
         raise BrokenError("a file that is not there is read as if it were")
 
     def check_cut(of: Any) -> None:
-        """A file with an end that is cut off is refused by a ValueError, or read up to its end."""
+        """Check that a file that is cut off is refused by a ValueError, or read up to its end."""
         data = sample.read_bytes()
         for size in (*(int(share * len(data)) for share in SHARES), *(len(data) - n for n in LAST)):
             damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])
@@ -173,7 +176,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
         damaged(of, "a file of other bytes", np.random.default_rng(3).bytes(2_000), refused=True)
 
     def check_flipped(of: Any) -> None:
-        """Single bytes that are wrong are refused by a ValueError, or do no harm."""
+        """Check that a file with a wrong byte is refused by a ValueError, or read to valid columns."""
         data, rng = sample.read_bytes(), np.random.default_rng(4)
         for _ in range(20):
             broken = bytearray(data)
@@ -181,7 +184,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             damaged(of, "a file with a wrong byte", bytes(broken))
 
     def check_size(of: Any) -> None:
-        """A file with repeated content is refused, or has more rows."""
+        """Check that a file with its content twice is refused, or gives more rows."""
         damaged(of, "a file with repeated content", 2 * sample.read_bytes())
 
     own: dict[str, Callable[[Any], None]] = {

@@ -26,7 +26,7 @@ SCENE = Scene(arrays=(MicrophoneArray("north", np.array([0.0, 40.0, 0.0]), plana
 
 
 def _moments(start_ns: int) -> tuple[Any, Any]:
-    """Times and identities of rows: two targets at each time."""
+    """Return times [ns] from `start_ns` on, and identities (3 and 8), of rows: two targets at each time."""
     times = start_ns + STEP_NS * np.arange(N_STEPS, dtype=np.int64)
     return np.repeat(times, 2), np.tile([3, 8], N_STEPS)
 
@@ -220,7 +220,7 @@ def with_names(rows: T, name: str) -> T:
 
 
 def in_unit(rows: T, factor: float) -> T:
-    """The rows with lengths in another unit, of which a metre has this many."""
+    """Return a copy of the rows with lengths in another unit; `factor`: units per metre."""
     powers = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     for c in rows.columns():
@@ -258,7 +258,7 @@ class SampleWalk:
     scale: float = 1.0
 
     def at(self, xy: Floats) -> Floats:
-        """(..., 2) positions of the plain walk [m] in this one's world."""
+        """Return positions `xy` (..., 2) of the plain walk [m] in the world of this one: scaled, turned and shifted."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         return np.asarray(self.scale * (xy @ np.array([[c, s], [-s, c]]) + np.array(self.shift)))
 

@@ -87,7 +87,7 @@ def use(of: Any) -> list[list[int]]:
 
 
 def _renamed(ids: Iterable[Iterable[int]]) -> list[list[int]]:
-    """Identities by the order in which they come."""
+    """Return the identities of each frame numbered in the order of their first use; those below 0 become -1."""
     known: dict[int, int] = {}
     return [[-1 if k < 0 else known.setdefault(k, len(known)) for k in each] for each in ids]
 
@@ -105,7 +105,7 @@ def _raw(of: Any, wanted: Callable[[str], bool]) -> None:
 
 
 def check_shape(of: Any) -> None:
-    """A whole number for each box is given back."""
+    """Check that `step` returns a whole number for each box."""
     _raw(of, lambda wrong: wrong.startswith("step gives"))
 
 
@@ -120,7 +120,7 @@ def check_once(of: Any) -> None:
 
 
 def check_follows(of: Any) -> None:
-    """A person whom the detector finds in every frame is tracked, with one identity."""
+    """Check that a person found in every frame has one identity after `SETTLED` frames."""
     late = run(of, walk())[SETTLED:]
     for person in (0, 1):
         own = {ids[person] for ids in late}
@@ -131,14 +131,14 @@ def check_follows(of: Any) -> None:
 
 
 def check_apart(of: Any) -> None:
-    """Two people who are far from each other have different identities."""
+    """Check that two people who are far from each other have different identities."""
     late = run(of, walk())[SETTLED:]
     if {ids[0] for ids in late} & {ids[1] for ids in late} - {-1}:
         raise BrokenError("two people who are never near each other have had one identity")
 
 
 def check_newcomer(of: Any) -> None:
-    """A person who comes later has an identity that is new."""
+    """Check that a person who enters later has an identity that was not used before."""
     newcomer = np.array([[1500.0, 300.0, 50.0, 150.0]])
     frames = [frame(k, np.concatenate([edges(k), newcomer + 0.5 * k]) if k >= 20 else None) for k in range(FRAMES)]
     ids = run(of, frames)
@@ -179,7 +179,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_results(of: Any) -> None:
-    """Check that returned arrays do not change later."""
+    """Check that returned arrays do not change at later calls."""
     own, kept = start(of), []
     for k in range(15):
         each = frame(k, edges(k)[: 1 + k % 2])
@@ -199,7 +199,7 @@ def check_memory(of: Any) -> None:
 
 
 def check_empty(of: Any) -> None:
-    """Frames without a box can come first, and in between."""
+    """Check that a tracker accepts frames without boxes, first ones and later ones."""
     no_boxes = np.zeros((0, 4))
     gone = (0, 1, 8, 9)
     run(of, [frame(k, no_boxes if k in gone else None) for k in range(15)], "frames without a box: step")
@@ -224,13 +224,13 @@ def check_unknown_scores(of: Any) -> None:
 
 
 def check_embeddings(of: Any) -> None:
-    """Embeddings can be there, and NaN for some boxes."""
+    """Check that a tracker accepts embeddings, with NaN for some boxes."""
     vectors = np.array([[0.6, 0.8, 0.0], [np.nan, np.nan, np.nan]], dtype=np.float32)
     run(of, [each._replace(embeddings=vectors.copy()) for each in walk(15)], "embeddings: step")
 
 
 def check_gap(of: Any) -> None:
-    """After an hour without a frame the tracker goes on."""
+    """Check that a tracker accepts frames after an hour without any."""
     hour = 3600 * NS
     later = [frame(k + 90_000, edges(k), t_ns=START_NS + hour + k * STEP_NS) for k in range(15, 25)]
     run(of, [*walk(15), *later], "an hour without a frame: step")

@@ -390,10 +390,14 @@ class EstimatedTrajectory(NamedTuple):
     used: np.ndarray | None  # (T,) names of sensors between commas; None: not known
 
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
-        """(N,) index of the estimate for each time, and mask of valid ones.
+        """Return the index (N,) of the next estimate after each time, and the mask (N,) of valid ones.
 
-        The index is that of the next estimate; it is valid if it is not later than the window, its covariance is known,
-        and it used the sensor.
+        An estimate is valid if it is not later than the window, its covariance is known, and it used the sensor.
+
+        Args:
+            t_ns: (N,) times [ns].
+            window_ns: longest time from one of them to its estimate [ns].
+            sensor: name of the sensor.
         """
         n = np.searchsorted(self.t_ns, t_ns)
         i = np.minimum(n, len(self.t_ns) - 1)
@@ -404,12 +408,17 @@ class EstimatedTrajectory(NamedTuple):
 
 
 def _commas(cameras: np.ndarray) -> np.ndarray:
-    """Lists of names with a comma before and after each name, for exact search."""
+    """Return lists of names (N,), separated by commas, with a comma before and after each, for exact search."""
     return np.strings.add(np.strings.add(",", cameras), ",")
 
 
 def _nearest(estimate: Ints, far: Floats) -> Bools:
-    """(N,) mask of the nearest candidate of each estimate, if it is within the gate."""
+    """Return the mask (N,) of the nearest candidate of each estimate, if it is within the gate.
+
+    Args:
+        estimate: (N,) index of the estimate that each candidate is compared with.
+        far: (N,) distance from it in standard deviations.
+    """
     order = np.lexsort([far, estimate])
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = np.diff(estimate[order]) != 0

@@ -214,9 +214,15 @@ class QualityFlags:
         return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
-        """Tracks and covariances (N, 2, 2), with `without_distance` applied to the rows `lone` (row: sensor).
+        """Return tracks and covariances (N, 2, 2), with `without_distance` applied to the rows `lone` (row: sensor).
 
-        Not in a scene with a room: its walls limit the distance.
+        Not in a scene with a room: its walls limit the distance. `covariance` is changed in place.
+
+        Args:
+            tracks: N estimates.
+            xy: (N, 2) of them.
+            covariance: (N, 2, 2) of them.
+            lone: name of the only sensor that detected the target, by row.
         """
         if self._views is None or not lone:
             return tracks, covariance
@@ -310,7 +316,7 @@ class PlainViewMisses:
         return out
 
     def _plain(self, xy: Floats, camera: Camera) -> Bools:
-        """(N,) mask of positions (N, 2) in the field of view and range of a camera, not hidden by static occluders."""
+        """Return the mask (N,) of positions `xy` (N, 2) in view and range of a camera, not behind static occluders."""
         away = xy - camera.ground
         off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - camera.yaw))
         seen = (off <= 0.5 * camera.fov) & (np.hypot(away[:, 0], away[:, 1]) <= camera.range)
@@ -390,7 +396,7 @@ class EffectiveSampleSizes:
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
 
     def add(self, ess: Floats) -> None:
-        """Add effective sample sizes; NaN (no particles) is ignored."""
+        """Add effective sample sizes `ess` (n,); NaN (no particles) is left out."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
         self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))
@@ -526,10 +532,16 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
 
 
 def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -> tuple[Floats, Floats]:
-    """Reconstruct bearings (N,) and their standard deviations (N,) from normalised residuals.
+    """Reconstruct bearings (N,) and their standard deviations (N,) [rad] from normalised residuals.
 
     The expected variance of a residual is 1 - g'Pg / sigma^2, which is solved for sigma; NaN where it does not depend
     on sigma.
+
+    Args:
+        xy: (N, 2) estimates.
+        covariance: (N, 2, 2) of them, P.
+        origin: (2,) or (N, 2) position of the sensor.
+        used: N residuals.
     """
     away = xy - origin
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)

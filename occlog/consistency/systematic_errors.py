@@ -198,9 +198,15 @@ class SystematicErrors:
         return out
 
     def _sizes(self, taken: Bools, noise: float) -> tuple[Floats, Floats]:
-        """(2 S,) sizes and standard errors of the candidate errors, each estimated jointly with the selected ones.
+        """Return the sizes (2 S,) and standard errors (2 S,) of the candidate errors of S sensors.
 
-        Both are 0 for selected errors, and for those that the data do not determine.
+        Each is estimated jointly with the selected ones. Both are 0 for selected errors, and for those that the data do
+        not
+        determine.
+
+        Args:
+            taken: (2 S,) mask of the selected errors.
+            noise: least variance factor of the residuals.
         """
         size, error = np.zeros(len(taken)), np.zeros(len(taken))
         base = np.flatnonzero(taken)

@@ -54,7 +54,7 @@ def notes_kept() -> Iterator[list[str]]:
 
 
 def note(message: str, quiet: bool = False) -> None:
-    """Write a line to standard error, or append it to the list of `notes_kept` within that context.
+    """Write the line `message` to standard error, or append it to the list of `notes_kept` within that context.
 
     `quiet`: write nothing; the list of `notes_kept` gets it nevertheless.
     """
@@ -66,7 +66,7 @@ def note(message: str, quiet: bool = False) -> None:
 
 
 def note_once(message: str) -> None:
-    """Write a note once per command, even if a file is read several times.
+    """Write the note `message` unless this command has written it before, for example for a file read several times.
 
     A quiet command writes warnings only.
     """
@@ -140,7 +140,7 @@ def log_compiling() -> None:
 
 @contextmanager
 def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
-    """Context manager that sends details to a receiver."""
+    """Context manager: call `listener` with each line of details of the code inside."""
     token = LISTENER.set(listener)
     try:
         yield
@@ -184,6 +184,12 @@ T = TypeVar("T")
 
 def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
     """Generate the items, with a progress bar on standard error if it is a terminal.
+
+    Args:
+        items: what to generate.
+        label: text before the bar.
+        total: number of items; None: their length, or unknown.
+        quiet: show no bar.
 
     Raises:
         KeyboardInterrupt: an interrupt was dropped earlier.

@@ -38,7 +38,7 @@ def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
 
 
 def lines_of(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = ()) -> list[str]:
-    """Format a summary: one JSON object, or `key: value` lines for people.
+    """Return the lines of a summary: `key: value` for people, or one JSON object if `as_json`.
 
     Keys of the object are sorted, after those in `first`.
     """
@@ -113,16 +113,20 @@ def plausible_in_words(summary: Mapping[str, object]) -> str:
 
 
 def strict_code(code: int, plausible: object, strict: bool) -> int:
-    """Exit code, or 6 if results are implausible (False) and --strict was given; None: unknown."""
+    """Return the exit code `code`, or 6 if --strict was given and `plausible` is False (None: unknown)."""
     return ExitCode.THRESHOLD if strict and plausible is False else code
 
 
 def finish(
     summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool, earlier: Iterable[ListedLoss] = ()
 ) -> int:
-    """Print the summary and list the losses; exit code 0, or 3 if anything was lost.
+    """Print the summary and list the losses; return exit code 0, or 3 if anything was lost.
 
-    In JSON, losses `earlier` in the processing of the inputs are listed as `lost_earlier`.
+    Args:
+        summary: figures by name.
+        losses: of this command.
+        as_json: print one JSON object.
+        earlier: losses in the processing of the inputs; in JSON they are listed as `lost_earlier`.
     """
     lost, before = list(losses), [loss.as_dict() for loss in earlier]
     listed = {"losses": [loss.as_dict() for loss in lost], **({"lost_earlier": before} if before else {})}

@@ -21,7 +21,7 @@ def noun(count: float, one: str, many: str = "") -> str:
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """Format a count: `1 camera`, `2 cameras`, `2 boxes` with many="boxes"."""
+    """Return a count with its noun: `1 camera`, `2 cameras`, and `2 boxes` with one="box", many="boxes"."""
     return f"{count} {noun(count, one, many)}"
 
 

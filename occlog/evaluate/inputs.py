@@ -105,7 +105,7 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
 
 
 def _radio(reported: dict[str, Any]) -> Radio:
-    """Path loss model with which tracks were made, from their provenance."""
+    """Return the path loss model with which tracks were made, from the values in their provenance."""
     return Radio(**(reported | {"shadowing": SignalErrors(**reported["shadowing"])}))
 
 

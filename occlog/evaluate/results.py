@@ -85,7 +85,7 @@ def parse_threshold(text: str) -> Threshold:
 
 
 def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
-    """Return a message for each threshold that is violated, or whose metric is missing, ambiguous or NaN."""
+    """Return a message for each threshold that `metrics` violate, or whose figure is missing, ambiguous or NaN."""
     return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
 
 
@@ -106,7 +106,7 @@ def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
 
 
 def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
-    """Full names that a metric name, with or without unit, can mean."""
+    """Return the full names in `metrics` that a name, with or without unit, can mean."""
     if name in metrics:
         return [name]
     return [full for full in (f"{name}_{unit}" for unit in UNITS) if full in metrics]
@@ -428,14 +428,14 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
 
 
 def without_per_target(figures: Mapping[str, object]) -> dict[str, object]:
-    """Figures without those of each target if there are many (the output file has all)."""
+    """Return a copy of the figures without those of each target if there are many (the output file has all)."""
     targets = {found[0] for name in figures if (found := OF_TARGET.search(name))}
     few = len({name.rstrip("_") for name in targets}) <= MAX_TARGETS_SHOWN
     return {name: value for name, value in figures.items() if few or not OF_TARGET.search(name)}
 
 
 def number(value: float) -> str:
-    """Format a number: four digits, whole numbers in full, a dash for NaN."""
+    """Return `value` as text: four digits, whole numbers in full, a dash for NaN."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value:.4g}"

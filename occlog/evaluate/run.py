@@ -437,7 +437,7 @@ def simulated(truth: Path | None) -> dict[str, float]:
 
 
 def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
-    """InputError if the tracks were made with a held-out sensor."""
+    """InputError if the tracks were made with one of the sensors `held_out`."""
     if tracks is None or not held_out:
         return
     made = tracks.provenance.parameters

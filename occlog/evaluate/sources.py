@@ -165,9 +165,15 @@ def _numbered(chunks: Chunks[N] | None, frames: tuple[int, int]) -> Chunks[N] | 
 
 
 def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Chunks[Bearings] | None:
-    """Source of all bearings, with directions of arrival converted to bearings, as in `occlog track`; repeatable.
+    """Return a function that generates all bearings, directions of arrival converted, as in `occlog track`; None: none.
 
-    Those of a recording are used along with its bearings unless others are named.
+    Directions of a recording are used along with its bearings unless others are named.
+
+    Args:
+        path: bearings, table or recording.
+        doa: directions of arrival.
+        labels: directions keep their labels; UsageError without any.
+        scene: poses of the arrays.
     """
     measured = None if path is None else open_input(path)
     directions = None if doa is None else open_input(doa)

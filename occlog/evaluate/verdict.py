@@ -153,7 +153,7 @@ class _Nees:
         self._outside: dict[int, BatchMeans] = {}
 
     def update(self, target: int, nees: Floats) -> None:
-        """Add values of a target, NaN where the covariance is singular."""
+        """Add values `nees` (n,) of a target, NaN where the covariance is singular."""
         finite = np.isfinite(nees)
         self.n_finite += int(finite.sum())
         squares = nees[finite]
@@ -193,7 +193,7 @@ class CovarianceConsistency:
             self._space.update(target, errors.nees_space[own])
 
     def update_pairs(self, targets: Ints, nees: Floats) -> None:
-        """Add per-frame pairs on the ground, in the order of time: targets and NEES."""
+        """Add per-frame pairs on the ground, in the order of time: their targets (n,) and NEES (n,)."""
         self.rows += len(nees)
         for target, rows in rows_by_label(targets):
             self._ground.update(target, nees[rows])
@@ -267,14 +267,14 @@ def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
 
 
 def _no_bound(metrics: Mapping[str, object]) -> str:
-    """Reason why errors are not compared with the bound; empty if they are."""
+    """Return the reason why errors are not compared with the bound, by the figures; empty if they are."""
     if independent_ids(metrics):
         return "tracks have their own identities, so that errors count their switches"
     return "" if _number(metrics, "bound_estimates") >= MIN_SAMPLES else "there is no bound"
 
 
 def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Finding about bearings that are not of the true targets."""
+    """Generate a finding if the detection rate in `metrics` is low: bearings are not of the true targets."""
     rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
     if rate < MIN_DETECTION_RATE and exceeds_share(
         round((1.0 - rate) * visible), round(visible), 1.0 - MIN_DETECTION_RATE

@@ -74,7 +74,7 @@ def _made_again(path: Path) -> str:
 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:
-    """Summary entries for the first and last time."""
+    """Return the summary entries for the first and last time `span` [ns]; empty for None."""
     from occlog.io.files.timing.utc import utc
 
     return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}

@@ -94,7 +94,7 @@ def verbs() -> tuple[str, ...]:
 
 
 def settings_of(verb: str) -> dict[str, type[Settings]]:
-    """Settings classes of a command by owner; of `track` by method."""
+    """Return the settings classes of the command `verb` by owner; of `track` by method."""
     if verb != "track":
         classes = [load(where) for where in CLASSES[verb]]
         return {of.OWNER: of for of in classes}
@@ -103,7 +103,10 @@ def settings_of(verb: str) -> dict[str, type[Settings]]:
 
 
 def settings_schema(verb: str) -> dict[str, object]:
-    """JSON Schema of the settings of a command: one definition per class; an object matches one of them."""
+    """Return the JSON Schema of the settings of the command `verb`.
+
+    One definition per class; an object matches one of them.
+    """
     from occlog.settings import json_schema
 
     parts = {name: json_schema(of) for name, of in settings_of(verb).items()}

@@ -193,5 +193,5 @@ def _plan_svg(item: str, name: str, plan: PlanFigure) -> str:
 
 
 def shown(value: float | None) -> str:
-    """Return a number with four digits, or a dash if missing."""
+    """Return `value` as text with four digits, or a dash if missing."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.4g}"

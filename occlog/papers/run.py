@@ -260,7 +260,7 @@ def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Exper
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Return runs and steps by experiment, from texts like `fig12=4x1000`; UsageError for other texts.
+    """Return runs and steps by experiment, from the texts `given`, like `fig12=4x1000`; UsageError for others.
 
     `items`: the experiments that may be named.
     """
@@ -298,7 +298,8 @@ def executor(experiment: Experiment, request: ReproduceRequest, output: Path | N
 def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | None, Callable[[], None]]:
     """Return functions that advance (by a number of trials) and close a progress bar on standard error.
 
-    The first is None if there is no bar: `quiet`, or standard error is no terminal.
+    The first is None if there is no bar: `quiet`, or standard error is no terminal. `label` is before the bar, `total`
+    is the number at its end.
     """
     if quiet or not sys.stderr.isatty():
         return None, lambda: None

@@ -190,7 +190,10 @@ def estimate(value: float, error: float, runs: int) -> Measure:
 
 
 def exact(value: float, runs: int = 1) -> Measure:
-    """Return a quantity without error: a formula, or a count of what the statement is about; `runs`: for display."""
+    """Return `value` as a quantity without error: a formula, or a count of what the statement is about.
+
+    `runs`: for display.
+    """
     return estimate(value, 0.0, runs)
 
 
@@ -208,7 +211,7 @@ def mean_of(row: PaperRow) -> Measure:
 
 
 def share_of(held: int, runs: int) -> Measure:
-    """Return the share of runs in which something holds; its range is that of Clopper and Pearson.
+    """Return the share of runs in which something holds, `held` of them; its range is that of Clopper and Pearson.
 
     The error is that of two further runs in which it holds and two in which it does not (Agresti and Coull),
     since the plain one vanishes where all runs agree.
@@ -551,16 +554,22 @@ def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word:
 
 
 def share(held: Sequence[bool]) -> str:
-    """Return `reproduced` if all points hold, `in part` if at least half do, else (or without points) `not`."""
+    """Return `reproduced` if all points in `held` are True, `in part` if at least half are, else (or empty) `not`."""
     if held and all(held):
         return REPRODUCED
     return IN_PART if held and 2 * sum(held) >= len(held) else NOT
 
 
 def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> StatementVerdict:
-    """Return the verdict on whether low is below high at every point; `measured` is the mean difference, run by run.
+    """Return the verdict on whether low is below high at every point; the mean difference, run by run, is shown.
 
     A difference that may be 0 and is known to be within `NEGLIGIBLE` of the level counts as none.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        points: pairs (low, high) of rows.
+        paper: printed difference; None: none.
     """
     rule = f"above 0 by two standard errors (no difference: known to be within {NEGLIGIBLE:.0%} of the level)"
     return judge_points(key, statement, [lower(low, high) for low, high in points], rule=rule, paper=paper)

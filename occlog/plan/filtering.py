@@ -329,7 +329,10 @@ class ExpectedPosteriors(NamedTuple):
 
 
 def noise_of(information: Floats, chance: Floats) -> Floats:
-    """(2, N, T) measurement errors from standard normals (2, N, T), by a root of the information."""
+    """Return measurement errors (2, N, T) with the covariance `information` (3, N, T: xx, xy, yy).
+
+    `chance`: (2, N, T) standard normals, which a root of the covariance multiplies.
+    """
     xx, xy, yy = information
     root = np.sqrt(xx)
     across = np.divide(xy, root, out=np.zeros_like(xy), where=root > 0.0)

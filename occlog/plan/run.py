@@ -241,7 +241,10 @@ def _draw(
     provenance: Provenance,
     tables: Tables,
 ) -> None:
-    """Write the picture and the page of the plan to the outputs in `tables`, where they are requested."""
+    """Write the picture and the page of the plan to the outputs in `tables`, where they are requested.
+
+    `summary` and `warnings` are those of the command.
+    """
     if request.picture is None and request.report is None:
         return
     from .page import MapPicture, PageInput, map_picture, plan_page

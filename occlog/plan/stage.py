@@ -114,7 +114,10 @@ def prepare(
 
 
 def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
-    """(C,) weights of the cells: shares of the floor, or of the positions (P, 2) nearest to each cell."""
+    """Return the weights (C,) of the cells: equal ones, or the shares of `paths` (P, 2) nearest to each cell.
+
+    InputError if none of these positions is in the room.
+    """
     if paths is None:
         return np.full(len(cells.xy), 1.0 / len(cells.xy))
     cell = nearest_cell(cells, paths)

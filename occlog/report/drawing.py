@@ -189,7 +189,10 @@ def raw_svg(figure: Figure) -> str:
 
 
 def to_png(figure: Figure, dpi: float, texts: Mapping[str, str]) -> bytes:
-    """Render the figure as PNG; `texts` are its text entries, without dates or software name."""
+    """Render the figure as PNG with `dpi` pixels an inch, without dates or software name.
+
+    `texts`: text entries of the file.
+    """
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=dpi, metadata={"Software": None, **texts})
     return out.getvalue()
@@ -237,7 +240,7 @@ def page_svg(raw: str, prefix: str, title: str, description: str) -> str:
 
 
 def _shrink(text: str, prefix: str) -> str:
-    """Shorten tags and make their ids unique; text between them is unchanged."""
+    """Return an SVG text with shorter tags, and ids that begin with `prefix`; text between tags is unchanged."""
     # Matplotlib makes ids of coordinates to their last bit, which its layout does not keep from one time to the next
     used = {name: k for k, name in enumerate(dict.fromkeys(_REFERENCE.findall(text)))}
     text = _TAG.sub(lambda m: _tag(m[0], used, prefix), text)
@@ -255,7 +258,7 @@ def _tag(tag: str, used: Mapping[str, int], prefix: str) -> str:
 
 
 def _attributes(style: str) -> str:
-    """CSS declarations as presentation attributes, with colours as CSS variables of the page."""
+    """Return CSS declarations (`style`) as presentation attributes, with colours as CSS variables of the page."""
     out = []
     for declaration in style.split(";"):
         name, _, value = (part.strip() for part in declaration.partition(":"))
@@ -274,7 +277,7 @@ def _variable(match: re.Match[str]) -> str:
 
 
 def _numbers(value: str) -> str:
-    """Return the text of an SVG attribute with coordinates [points] rounded to two decimals."""
+    """Return the `value` of an SVG attribute with coordinates [points] rounded to two decimals."""
     value = " ".join(value.split())
     value = _NUMBER.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), value)
     return re.sub(r" ?([A-Za-z]) (?=[-\d])", r"\1", value) if value[:1] == "M" else value

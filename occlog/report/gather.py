@@ -376,7 +376,7 @@ Given = Callable[..., StreamedTable[Any] | None]
 
 
 def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
-    """Tables in memory, by name, each as one chunk."""
+    """Return a function that opens the `tables` in memory by name, each as one chunk."""
 
     def opened(name: str, *_: type[ColumnTable]) -> StreamedTable[Any] | None:
         table = tables.get(name)
@@ -386,9 +386,14 @@ def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
 
 
 def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -> Given:
-    """Tables in files, by name, with lengths in a unit; tables missing in a recording are omitted.
+    """Return a function that opens tables in files by name, with lengths in a unit; None for missing ones.
 
     With a scene, directions of arrival of a recording are included as bearings, as in `occlog track`.
+
+    Args:
+        paths: file of each table.
+        unit: of lengths; None: that of the file.
+        scene: poses of arrays; None: unknown.
     """
 
     def opened(name: str, *kinds: type[ColumnTable]) -> StreamedTable[Any] | None:
@@ -496,7 +501,10 @@ class _Reading:
         self._against = CovarianceConsistency(made, scene)
 
     def all(self, metrics: Mapping[str, object]) -> tuple[dict[str, Any], ReportFigures]:
-        """Read all tables; return them by name, and the figures of all rows."""
+        """Read all tables; return them by name, and the figures of all rows.
+
+        `metrics`: figures of `occlog evaluate`, by name.
+        """
         self._own = independent_ids(metrics)
         self._read_tracks()
         self._read_truth()

@@ -43,7 +43,7 @@ from .replay.thumbnails import Thumbnails
 
 
 def plural(count: int, what: str, several: str = "") -> str:
-    """Format a count: `1 target`, `2 targets`, `2 boxes` with several="boxes"."""
+    """Return a count with its noun: `1 target`, `2 targets`, and `2 boxes` with what="box", several="boxes"."""
     return f"{number(count)} {noun(count, what, several)}"
 
 
@@ -152,7 +152,7 @@ class CheckRow(NamedTuple):
 
 
 def verdict_heading(verdicts: Sequence[Verdict]) -> str:
-    """Heading of a page: all checks of the estimates passed, one failed (not reliable), or none was made."""
+    """Return the heading of a page: all checks of the estimates passed, one failed (not reliable), or none was made."""
     return {
         True: "All checks of these estimates passed",
         False: "Not reliable as they are",
@@ -161,7 +161,7 @@ def verdict_heading(verdicts: Sequence[Verdict]) -> str:
 
 
 def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
-    """Rows of checks with results and figures, and reasons of checks that were impossible."""
+    """Return the rows of the table of checks with results and figures, and reasons of checks that were impossible."""
     return [
         CheckRow(check.name, stage, _result(check), _figures(check), affected(check))
         for stage, check in made_checks(verdicts)
@@ -538,6 +538,6 @@ def _row(cells: Sequence[object]) -> str:
 
 
 def plain(value: object) -> str:
-    """Text with markup characters escaped, in one line."""
+    """Return `value` as Markdown text with markup characters escaped, in one line."""
     plain = " ".join(str(value).split())
     return "".join(f"\\{c}" if c in SPECIAL else c for c in plain)

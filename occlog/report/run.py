@@ -171,7 +171,7 @@ def _unit(paths: PageRequest, scene: Scene | None) -> str:
 
 
 def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """Return the provenance of this report and of its inputs, with their losses and verdicts."""
+    """Return the provenance of this report, with its title, and of its inputs, with their losses and verdicts."""
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
     from occlog.io.open import input_losses, open_if_ours
@@ -244,7 +244,7 @@ def _check_in_images(paths: PageRequest) -> None:
 
 
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
-    """Write the contents by path; the files appear together. `overwrite`: they may exist."""
+    """Write the contents in `made` by path; the files appear together. `overwrite`: they may exist."""
     with OutputGroup() as together:
         for path, content in made.items():
             with open_output(path, overwrite, together) as file:

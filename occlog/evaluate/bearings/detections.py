@@ -184,7 +184,11 @@ class FrameResult(NamedTuple):
 
 
 def box_classes(boxes: Floats) -> Ints:
-    """(n,) class of each true box (n, 4: left, top, width, height) of one frame."""
+    """Return the class (n,) of each true box (n, 4: left, top, width, height) of one frame.
+
+    `HIDDEN` if a nearer box (with a lower edge) covers more than `SHARED` of it, `FRONT` if another box does, else
+    `CLEAR`.
+    """
     area = np.prod(boxes[:, 2:], axis=1)
     cover = intersection_areas(boxes, boxes) / area[:, None]  # [i, j]: share of i that j covers
     np.fill_diagonal(cover, 0.0)
@@ -298,9 +302,9 @@ class _Results:
         self._sum, self._squares, self._sizes = Sum(), Sum(), Spool(in_memory)
 
     def update(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
-        """Add a frame with the mask of its detected true boxes.
+        """Add a frame with the mask `found` (n,) of its n true boxes that are detected.
 
-        `boxes`: number of true boxes that count, if not all.
+        `boxes`: number of true boxes that count; None: n.
         """
         errors = result.error_px[found]
         self._frames, self._views = self._frames + 1, self._views + result.views

@@ -416,7 +416,7 @@ def _in_image(camera: Camera, pixels: Floats) -> Bools:
 
 
 def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], suffix: str) -> Metrics:
-    """Return the named metrics from totals of real and chance tallies."""
+    """Return the figures of true pairs (`real`) and of pairs by chance, with names that end in `suffix`."""
     boxes, middles = sum(t.boxes for t in real), np.concatenate([np.zeros(0), *(t.middles for t in real)])
     feet = sum(len(t.feet) for t in real)
     other, met = sum(t.boxes for t in chance), sum(len(t.middles) for t in chance)

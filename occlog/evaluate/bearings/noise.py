@@ -302,10 +302,10 @@ class MeasuredNoise(NamedTuple):
 
 
 def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
-    """Noise of readings (in the order of time) without false ones; None with fewer than `MIN_READINGS`.
+    """Return the noise of readings (n,), in the order of time, without false ones; None with fewer than `MIN_READINGS`.
 
     False readings are excluded by the mixture of `noise_scale`. Standard errors are by a jackknife over `STRETCHES`
-    intervals.
+    intervals. `residual_px`: residuals of the readings [px].
     """
     n = len(residual_px)
     if n < MIN_READINGS:

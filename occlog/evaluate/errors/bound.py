@@ -280,7 +280,7 @@ class Bounds:
         return out
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
-        """Make the bound of all that came, and give it away in pieces, in the order of time.
+        """Compute the bound of all rows, and pass it to `take` in pieces, in the order of time.
 
         Raises:
             InputError: the bound of a target is in space, and it has distance measurements or no true height.

@@ -409,7 +409,7 @@ def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alt
 
 
 def _turn(angle: float, mirror: float) -> Floats:
-    """(2, 2) matrix that negates y if `mirror` is -1, then rotates."""
+    """Return the matrix (2, 2) that negates y if `mirror` is -1 (else 1), then rotates by `angle` [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s * mirror], [s, c * mirror]])
 
@@ -433,7 +433,10 @@ class TruthAlignment:
         self._delay = DelaySums()
 
     def update(self, errors: Errors, paths: Mapping[int, ObjectPath], limit_ns: int | None) -> None:
-        """Add errors, with the paths of the targets around these times."""
+        """Add errors, with the paths of the targets around these times.
+
+        `limit_ns`: largest gap of a path that is interpolated [ns]; None: that of the path.
+        """
         error = np.column_stack([errors.error_x, errors.error_y])
         self.update_pairs(errors.target_id, errors.t_ns, error, paths, limit_ns)
 
@@ -444,7 +447,10 @@ class TruthAlignment:
         self._delay.update(t_ns, error, velocities(paths, targets, t_ns, limit_ns))
 
     def checks(self, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-        """Report if a delay explains much of the errors, or if another time, unit or frame makes both sides agree."""
+        """Return checks of a delay that explains much of the errors, and of another time, unit or frame that fits.
+
+        `metrics`: figures of the evaluation by name.
+        """
         return (*self._delay.checks(self._unit), *outcome(ALIGNMENT, self._elsewhere(metrics)))
 
     def _elsewhere(self, metrics: Mapping[str, float]) -> Iterator[Check]:

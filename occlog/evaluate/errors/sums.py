@@ -40,7 +40,7 @@ class Consistency:
         self.n_finite = self.inside = self.rows = 0
 
     def update(self, nees: Floats) -> None:
-        """Add values, NaN where the covariance is singular."""
+        """Add values `nees` (n,), NaN where the covariance is singular."""
         finite = nees[np.isfinite(nees)]
         self._sum.add(float(finite.sum()))
         self.rows, self.n_finite = self.rows + len(nees), self.n_finite + len(finite)

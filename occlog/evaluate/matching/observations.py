@@ -74,10 +74,16 @@ def residuals(rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeome
 def _in_own_frame(
     rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry, shape: tuple[int, ...]
 ) -> tuple[Floats, Floats]:
-    """Residuals [rad] of azimuth and elevation about the sensor's own axes.
+    """Return residuals [rad] of azimuth and elevation about the sensor's own axes, each of the shape `shape`.
 
     A line of sight near the z axis may be measured from beyond it, with an azimuth half a turn off; the nearer
     interpretation is used.
+
+    Args:
+        rows: n bearings with elevations.
+        expected: measurements, of a shape to which n entries are broadcast.
+        sensor: the sensor.
+        shape: of the n rows in that.
     """
     line = direction(rows.bearing, polar_from_elevation(rows.elevation)) @ sensor.rotation
     theta, phi = (angle.reshape(shape) for angle in direction_angles(line))
@@ -107,9 +113,17 @@ def occluded_by_moving(
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Bools:
-    """(N,) mask of observations of a target that a moving object occludes ([Ercan] Fig. 3).
+    """Return the mask (N,) of observations of a target that a moving object occludes ([Ercan] Fig. 3).
 
-    For cameras, if the configuration states the diameter of objects.
+    For cameras, if the configuration states the diameter of objects; else all are False.
+
+    Args:
+        sensor: the sensor.
+        t_ns: (N,) times [ns].
+        xy: (N, 2) true positions of the target.
+        target: its label.
+        everyone: true paths by label.
+        config: diameter, largest gap.
     """
     rest = [path for k, path in everyone.items() if k != target]
     if config.occluder_diameter is None or sensor.camera is None or not rest:

@@ -103,7 +103,10 @@ class TruthOutlines:
         return sorted(label for known, label in self._found if known == role)
 
     def gaps_ns(self, role: str, of_targets: dict[int, int]) -> dict[int, int]:
-        """Default maximum gap [ns] that is interpolated, for each object; `of_targets`: for targets only."""
+        """Return the largest gap [ns] that is interpolated by default, for each object of a role.
+
+        `of_targets`: the result for the role `target`.
+        """
         if role == TARGET:
             return of_targets
         if not self._gaps_ns:

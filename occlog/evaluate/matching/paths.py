@@ -116,7 +116,7 @@ class ExpectedMeasurement(NamedTuple):
         return ExpectedMeasurement._make(column.reshape(shape) for column in self)
 
     def take(self, rows: Ints) -> ExpectedMeasurement:
-        """The entries at these positions of the first axis."""
+        """Return the entries at the indices `rows` of the first axis of all arrays."""
         return ExpectedMeasurement._make(column[rows] for column in self)
 
 
@@ -139,7 +139,7 @@ class SensorGeometry:
         return np.append(self.ground, self.height)
 
     def expect(self, xy: Floats, z: Floats) -> ExpectedMeasurement:
-        """Expected measurements for positions (N, 2) at heights (N,); NaN positions are not in view.
+        """Return expected measurements for positions `xy` (N, 2) at heights `z` (N,); NaN positions are not in view.
 
         For an unknown height (NaN) the distance uses the sensor's height.
         """
@@ -173,7 +173,10 @@ class SensorGeometry:
 
 
 def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, SensorGeometry]:
-    """Sensors of the given names, sorted; InputError for one that is not in the scene."""
+    """Return the sensors of the given names, sorted; InputError for one without a pose in the scene.
+
+    `source`: what names them, for the message.
+    """
     cameras = {c.name: c for c in scene.cameras if c.placed}
     arrays = {a.name: a for a in scene.arrays}
     out = {}

@@ -196,12 +196,12 @@ MIN_MATCHED_SHARE = 0.5
 
 
 def independent_ids(metrics: Mapping[str, object]) -> bool:
-    """Whether the tracks have their own identities, so that figures of per-frame pairs come first."""
+    """Whether the tracks have their own identities, by the figures `metrics`, so that per-frame pairs come first."""
     return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
 def first_of(metrics: Mapping[str, object]) -> dict[str, object]:
-    """The first figures only, in any unit of lengths."""
+    """Return those of the figures that come first, in any unit of length."""
     begin = "matched_rmse_"
     unit = next((name.removeprefix(begin) for name in metrics if name.startswith(begin)), "")
     return {name: metrics[name] for name in names(unit) if name in metrics}

@@ -50,7 +50,10 @@ class SampledBoxes(NamedTuple):
 
     @classmethod
     def of(cls, rows: Boxes, views: Sequence[str], frame: Ints) -> SampledBoxes:
-        """Rows with a box in these cameras; `frame` (n,): frame numbers of the rows."""
+        """Return the rows with a box in the cameras `views`, up to `MAX_ROWS`.
+
+        `frame`: (n,) frame numbers of the n rows.
+        """
         index = {name: n for n, name in enumerate(views)}
         view = np.array([index.get(name, -1) for name in rows.sensor.tolist()], dtype=np.int64)
         ltwh = np.column_stack([rows.left_px, rows.top_px, rows.width_px, rows.height_px])
@@ -77,7 +80,7 @@ class BoxChange(NamedTuple):
 
 
 def misfit(tracks: SampledBoxes, truth: SampledBoxes, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-    """Check with the correction after which tracks fit the truth, if their MOTA is low."""
+    """Return the check of whether tracks fit the truth; if MOTA in `metrics` is low, with the correction that helps."""
     mota = metrics.get("mota", math.nan)
     return outcome(FITS, _found(tracks, truth) if mota < MIN_MOTA else (), mota=mota, allowed=MIN_MOTA)
 

@@ -258,7 +258,7 @@ class PairErrors:
     """
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """Start without pairs; unit of lengths, and how many distances are kept in memory."""
+        """Create sums without pairs; `unit` of lengths, and the number of distances kept `in_memory`."""
         self._unit = unit
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
@@ -381,7 +381,7 @@ class CountSums:
 
 
 def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
-    """Return the number of true positions that were interpolated, at times at which their object has no row."""
+    """Return the number of true positions, on `paths` by label, interpolated where their object has no row."""
     times = points.t_ns[0]
     mine = ((path, times[points.truth.frame[points.truth.label == k]]) for k, path in paths.items())
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)

@@ -206,7 +206,7 @@ def has_no_rows(path: Path) -> bool:
 
 
 def _asked(given: Mapping[str, object]) -> str | None:
-    """Rule for the target of a track that the user requests."""
+    """Return the rule for the target of a track in the given settings; None if the user states none."""
     return None if given.get("assigned_target") is None else str(given["assigned_target"])
 
 
@@ -216,7 +216,7 @@ def _strings(value: object) -> tuple[str, ...]:
 
 @contextmanager
 def _named(files: Mapping[str, Path]) -> Iterator[None]:
-    """Replace the word at the beginning of messages by the file name."""
+    """Context manager: in an InputError replace the first word of the message by the file of that name in `files`."""
     try:
         yield
     except InputError as error:
@@ -234,9 +234,10 @@ def _is_text(path: Path) -> bool:
 def _read_both(
     tracks: Path, truth: Path, config: MultiTargetConfig, rule: str
 ) -> tuple[Boxes, TruthBoxes, Scene | None]:
-    """Read tracks and truth; MOTChallenge text is of the camera in the other file.
+    """Return tracks, truth, and the scene of its recording, if any.
 
-    With classes the truth has all its rows.
+    MOTChallenge text is of the camera in the other file. `rule`: name of the benchmark; with its classes the truth has
+    all its rows.
     """
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)

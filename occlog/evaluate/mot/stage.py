@@ -89,7 +89,7 @@ class AssignedTargets:
         self._met.update(dict(zip(map(tuple, pairs.tolist()), count.tolist(), strict=True)))
 
     def of(self, labels: Ints) -> Ints:
-        """Label of the target assigned to each track; `NO_TARGET` if none is."""
+        """Return the label (n,) of the target assigned to each track in `labels` (n,); `NO_TARGET` if none is."""
         if self._how == "id":
             return labels
         own = self._first if self._how == "start" else self._best
@@ -343,7 +343,7 @@ def _visible(at: Objects, points: PointTracks) -> Floats:
 
 
 def skipped_cameras_note(names: Sequence[str]) -> list[str]:
-    """Note on cameras of the truth without any track; empty if there is none."""
+    """Return a note on the cameras `names` of the truth, which have no track; empty if there are none."""
     return [f"skipped: {', '.join(names)}: in the truth, but without any track"] if names else []
 
 

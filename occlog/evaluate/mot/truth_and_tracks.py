@@ -122,7 +122,7 @@ def asked_for(boxes: Boxes, config: MultiTargetConfig) -> Bools:
 
 
 def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Common cameras of tracks and truth, and those of the truth without tracks.
+    """Return the common cameras of tracks (`ours`) and truth (`theirs`), and those of the truth without tracks.
 
     Raises:
         InputError: the truth has no camera, or the tracks have others than the truth.
@@ -143,7 +143,7 @@ def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tupl
 
 
 def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[Ints, ...], tuple[Ints, ...], list[Ints]]:
-    """Return times [ns], numbers and keys of the true frames of each view, sorted by key.
+    """Return times [ns], numbers and keys of the true frames of each of the cameras `views`, sorted by key.
 
     `key`: column that identifies a frame, `t_ns` or `frame`.
     """

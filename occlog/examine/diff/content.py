@@ -149,7 +149,7 @@ def _is_list(value: object) -> TypeGuard[Sequence[object]]:
 
 
 def _short(value: object) -> Scalar:
-    """Short description of a container; other values are unchanged."""
+    """Return a short description of a list or object; other values as they are."""
     if isinstance(value, Mapping):
         return f"an object of {len(value)} entries"
     return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
@@ -178,7 +178,7 @@ def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
 
 
 def compare_provenance(name: str, a: object, b: object) -> DiffResult:
-    """Compare the provenance (JSON values) of two files; `name`: of the files in the result."""
+    """Compare the provenance `a` and `b` (JSON values) of two files; `name`: of the files in the result."""
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
 

@@ -44,7 +44,7 @@ class Tolerances:
     time_ns: int = 0
 
     def named(self, table: str, column: str) -> Limit | None:
-        """Tolerance given for a column by name; None without one."""
+        """Return the tolerance given for a column by name, or by `table.column`; None without one."""
         return self.columns.get(f"{table}.{column}", self.columns.get(column))
 
     def of(self, table: str, column: str, unit: str = "1", single: bool = False) -> Limit:

@@ -78,7 +78,7 @@ def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints
 
 
 def _numbered(rank_a: Ints, rank_b: Ints) -> tuple[Ints, Ints]:
-    """Return ranks that also distinguish equal keys within a table, by the order of their rows."""
+    """Return ranks (n,) and (m,) of rows that also distinguish equal ranks within a table, by their order."""
     number_a, number_b = _occurrence(rank_a), _occurrence(rank_b)
     most = int(max(number_a.max(initial=0), number_b.max(initial=0))) + 1
     return rank_a * most + number_a, rank_b * most + number_b
@@ -180,6 +180,13 @@ def compare_values(
 
     Labels, truth values and whole numbers must be equal, the latter within the limit if
     the column is named in the tolerances.  NaN equals NaN; an infinity only itself.
+
+    Args:
+        a: values of the first table.
+        b: values of the second table.
+        c: declaration of the column.
+        table: name of the table, by which the column has its tolerance.
+        tolerances: of all columns.
     """
     if c.kind in ("U", "?"):
         nothing = np.full(len(a), np.nan)
@@ -213,7 +220,13 @@ def _fractional(a: Floats, b: Floats, limit: Limit, angle: bool) -> tuple[Bools,
 
 
 def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
-    """Select the entry of each row with the largest difference; entries that differ have priority."""
+    """Return the entry of each row with the largest difference; entries that differ have priority.
+
+    Args:
+        differ: (n,) or (n, k) mask of entries that differ.
+        difference: of each entry, likewise.
+        allowed: limit of each entry, likewise.
+    """
     if differ.ndim == 1:
         return Values(differ, difference, allowed, np.zeros(len(differ), np.int64))
     badness = np.where(differ, np.where(np.isnan(difference), np.inf, difference), -1.0)
@@ -488,6 +501,6 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
 
 
 def _swapped(unit: str | None, lengths: tuple[str, str]) -> str | None:
-    """Replace the first length unit in a unit by the second."""
+    """Return a unit with the first of the two length units replaced by the second: `m^2` becomes `cm^2`."""
     old, new = lengths
     return next((in_length_unit(each, new) for each in LENGTHS if in_length_unit(each, old) == unit), unit)

@@ -123,7 +123,7 @@ def _raw_rows(table: ForeignTable, names: Sequence[str]) -> Iterator[tuple[Scala
 
 
 def _plain(value: object) -> Scalar:
-    """Normalise a cell for comparison: a number regardless of its format, or a text."""
+    """Return a cell for comparison: a number regardless of its format, else a text; None is an empty one."""
     try:
         number = float(value) if isinstance(value, int | float | str | Decimal) else math.nan
     except (ValueError, OverflowError):

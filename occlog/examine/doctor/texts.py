@@ -70,7 +70,10 @@ def _check(
 
 
 def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
-    """Time statistics of a camera's frames, by frame number; frames without rows have no detection."""
+    """Return the statistics of the times of a camera's frames.
+
+    `stamps`: time [ns] by frame number; frames without rows have no detection.
+    """
     frames = np.array(sorted(stamps), dtype=np.int64)
     clock = SensorTimes(f"camera {camera}" if camera else "times", unique=True, sporadic=True)
     clock.add(np.array([stamps[frame] for frame in frames.tolist()], dtype=np.int64), frames)

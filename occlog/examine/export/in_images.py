@@ -85,9 +85,9 @@ def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
 
 
 def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
-    """Camera to export; None without boxes.
+    """Return the camera to export, of the `cameras` with boxes; None without boxes.
 
-    UsageError if several have boxes and none is named, InputError if missing.
+    `camera`: the named one; None: none. UsageError if several have boxes and none is named, InputError if missing.
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(

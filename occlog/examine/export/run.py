@@ -278,6 +278,14 @@ def _write_text(
     """Write rows in a text format; return their number, cameras of an image table (else None), and what was left out.
 
     The rows are read twice: first for the header and for checks of the whole.
+
+    Args:
+        name: of the format.
+        opened: the input.
+        table: its table.
+        request: targets, camera, origin, output.
+        file: open binary file.
+        world: length unit and scene (None: unknown).
     """
     missed = UnrepresentableColumns(name, table, world[0], request.targets, request.camera)
     if issubclass(table, Tracks | Truth):

@@ -109,7 +109,7 @@ def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
 
 
 def check_one_target(names: list[int]) -> None:
-    """UsageError for several targets, since TUM text holds one."""
+    """UsageError if the target identities `names` are several, since TUM text holds one."""
     if len(names) > 1:
         few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
         raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)", id="ambiguous-input")
@@ -173,7 +173,10 @@ def geojson_texts(
 
 
 def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
-    """Sorted identities in groups of at most `most` rows, or of one identity."""
+    """Generate the sorted identities in groups of at most `most` rows, or of one identity.
+
+    `counts`: number of rows of each.
+    """
     group: list[int] = []
     rows = 0
     for name in sorted(counts):

@@ -62,7 +62,7 @@ def _split(first: Node, second: Node, direction: str, share: float) -> dict[str,
 
 
 def _tiled(panels: Sequence[Node], direction: str) -> Node:
-    """Arrange panels: in a row, or from four on alternately side by side and below each other."""
+    """Return panels arranged in a `direction` (`row`, `column`), from four on alternating with the other one."""
     if len(panels) == 1:
         return panels[0]
     if len(panels) == 2:

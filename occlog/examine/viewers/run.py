@@ -203,7 +203,7 @@ class _Sink:
             self._message("/log", Log, item.t_ns, message.SerializeToString(deterministic=True))
 
     def _second(self, topic: str) -> str:
-        """Topic of Rerun's point cloud.
+        """Return the topic of Rerun's point cloud for the same layer as `topic`.
 
         If lines are written as well, it is the same name without the leading slash: Rerun treats both as one.
         """

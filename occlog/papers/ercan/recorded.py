@@ -502,7 +502,10 @@ def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Exp
 
 
 def fig14(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the number of cameras, the root mean square over all sets of that number."""
+    """Table of the RMSE against the number of cameras, the root mean square over all sets of that number.
+
+    `names`: of the cameras of the recording.
+    """
     counts = range(2, len(names) + 1)
     sets = [list(some) for n in counts for some in combinations(names, n)]
     trials = [(run, name, cameras) for run in range(size.runs) for name in KINDS for cameras in sets]
@@ -522,7 +525,10 @@ def _over(found: Sequence[Figures]) -> Figures:
 
 
 def fig15(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
-    """Table of the RMSE against the number of selected cameras, with priors and the weak-perspective model."""
+    """Table of the RMSE against the number of selected cameras, with priors and the weak-perspective model.
+
+    `names`: of the cameras of the recording.
+    """
     points = list(_selections(len(names)))
     specs = [
         recorded_spec(source, size, run, "kalman", list(names), select=select)

@@ -62,7 +62,10 @@ def _select(policy: str, count: int, order: Sequence[int], every: float, model: 
 
 
 def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
-    """Return the settings of the selection of k cameras by series; `both`: with both camera models, or the weak one."""
+    """Return the settings of the selection of k cameras by series.
+
+    `order`: numbers of the cameras, in order; `both`: with both camera models, else the weak one.
+    """
     out, every = {}, EVERY if both else LAB_EVERY
     for name, policy in ((GREEDY, "greedy"), (BRUTE, "brute-force")):
         if both:

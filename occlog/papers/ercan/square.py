@@ -49,7 +49,10 @@ def _cameras(n: int) -> list[str]:
 
 
 def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) -> Table:
-    """Return the table of the RMSE against the number of cameras, for known positions, priors and neither."""
+    """Return the table of the RMSE against the number of cameras, for known positions, priors and neither.
+
+    `counts`: numbers of cameras; None: those of the paper, or of the quick form.
+    """
     scene = square_room(pillar=True)
     counts = counts or ((1, 2, 4, 6, 8) if size.quick else tuple(range(1, 9)))
     kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(8.0), KNOWN: kalman(0.0)}
@@ -167,6 +170,11 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
 
     NaN if the RMSE is larger even with known positions; the last of the grid (no priors) if it is
     smaller even there.
+
+    Args:
+        grid: errors of the priors, rising.
+        rmse: at each of them.
+        target: RMSE.
     """
     if rmse[-1] <= target:
         return grid[-1]

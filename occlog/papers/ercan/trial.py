@@ -96,6 +96,11 @@ def worst_case(scene_text: str, simulate: Values, size: Size) -> PaperRow:
     """Return RMSE_max of [Ercan] Sec. 6.1: the error of the middle of the room's bounding box as the estimate.
 
     The targets are drawn as those of the trials, without moving occluders.
+
+    Args:
+        scene_text: YAML text.
+        simulate: settings of the world.
+        size: runs, steps and seed.
     """
     scene = scene_from_yaml(scene_text, "scene")
     few = {**simulate, "steps": size.steps, "occluders": 0}
@@ -137,7 +142,12 @@ def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[Stat
 
 
 def kalman(sigma: float, q: float = 1.2) -> Values:
-    """Describe priors by a Kalman filter on virtual measurements of deviation `sigma`; 0 means known positions."""
+    """Return the values of a trial for priors by a Kalman filter on virtual measurements.
+
+    Args:
+        sigma: standard deviation of the measurements; 0: known positions.
+        q: process noise of the velocity.
+    """
     return (
         {"kind": "kalman", "measurement_noise": sigma, "process_noise_velocity": q} if sigma > 0 else {"kind": "known"}
     )
@@ -183,7 +193,7 @@ def names(numbers: Sequence[int]) -> list[str]:
 
 
 def square_room(*, pillar: bool) -> str:
-    """Write the room of Fig. 5: 100 x 100 with eight cameras, with or without its static occluder."""
+    """Return the YAML text of the room of Fig. 5: 100 x 100, eight cameras, with its static occluder if `pillar`."""
     box = [(40, 40), (60, 40), (60, 60), (40, 60)] if pillar else None
     return _scene("unit", [(0, 0), (100, 0), (100, 100), (0, 100)], box, cameras=SQUARE, focal=70.0, fov=90.0, yaw=0.01)
 

@@ -150,7 +150,10 @@ def _turns() -> dict[str, float]:
 
 
 def _propagator(a: float, velocity: float, step: float) -> Floats:
-    """Return the transition matrix (2.15) of one axis, [position, velocity], with acceleration `a`."""
+    """Return the transition matrix (2.15) of one axis, [position, velocity], over the time `step` [s].
+
+    `a`: acceleration; `velocity`: by which it is divided.
+    """
     return np.array([[1.0, a * step**2 / (2.0 * velocity) + step], [0.0, a * step / velocity + 1.0]])
 
 

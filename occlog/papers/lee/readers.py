@@ -30,7 +30,7 @@ ROOM = np.array([[0.0, 0.0], [SIDE, 0.0], [SIDE, SIDE], [0.0, SIDE]])
 
 
 def name_of(what: str, reach: float) -> str:
-    """Return the name of a series: `coarse, range 2.6 m`; `reach` in metres."""
+    """Return the name of a series: `coarse, range 2.6 m` with what="coarse"; `reach` in metres."""
     return f"{what}, range {reach:g} m"
 
 

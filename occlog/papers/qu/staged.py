@@ -38,7 +38,10 @@ class Staging(NamedTuple):
 
 
 def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:
-    """Return what a video shows; InputError for a scene that is none of `SCENES`."""
+    """Return what a video shows: a scene of `SCENES`, or empty, and balls that view 1 does not see (`unseen`).
+
+    InputError for another scene.
+    """
     if scene and scene not in SCENES:
         raise InputError(f"trial: scene is {scene!r}, must be one of {', '.join(SCENES)}", id="unknown-name")
     return Staging(scene, unseen)
@@ -141,7 +144,10 @@ def _following(angle: float, *, across: bool = False, back: bool = False) -> Cal
 
 
 def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
-    """Return the paths of four balls side by side that never touch: on one epipolar line, or in a column."""
+    """Return a function that draws paths of four balls side by side that never touch.
+
+    `on_line`: on one epipolar line, else in a column.
+    """
 
     def positions(config: BallsConfig, rng: Generator) -> Floats:
         t = np.linspace(-0.5, 0.5, config.frames)
@@ -166,7 +172,7 @@ def _unit(angle: float) -> Floats:
 
 
 def _smooth(share: Floats) -> Floats:
-    """Return a smooth step from 0 to 1 of shares of the way, which are cut to 0 to 1."""
+    """Return a smooth step from 0 to 1 for each `share` of the way, which is cut to 0 to 1."""
     s = np.clip(share, 0.0, 1.0)
     return np.asarray(s * s * (3.0 - 2.0 * s))
 

@@ -82,7 +82,7 @@ def _of_balls(variant: VideoVariant, points: Sequence[float], size: Size, execut
 
 
 def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
-    """Run all methods with all numbers of views on one rendering of each video; return figures by number and run."""
+    """Run all methods with the numbers of views `points` on one rendering of each video; return figures by number."""
     methods = {f"{m}, {x:g}": {"method": m, "use": int(x)} for m in METHODS for x in points}
     balls = {"frames": size.steps, "views": MOST_VIEWS}
     results = execute([views_spec(seed_of(size, run), methods, balls) for run in range(size.runs)])
@@ -90,7 +90,7 @@ def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
 
 
 def _renamed(result: Mapping[str, float], ending: str) -> dict[str, float]:
-    """Return the figures with labels that have this ending, with the ending removed from the keys."""
+    """Return those figures of `result` whose label has this ending, with the ending removed from the keys."""
     return {k.replace(f"{ending}.", "."): value for k, value in result.items() if f"{ending}." in k}
 
 

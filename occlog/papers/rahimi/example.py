@@ -107,7 +107,7 @@ def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
 
 
 def truth_of(xy: Floats) -> Truth:
-    """Return (T, 2) positions as a table, at intervals of `STEP_S`."""
+    """Return positions `xy` (T, 2) [m] as a table, at intervals of `STEP_S`."""
     n = len(xy)
     return Truth.of(
         t_ns=times(n),

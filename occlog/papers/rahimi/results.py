@@ -62,7 +62,7 @@ def fig4(size: Size, execute: Execute) -> Table:
 
 
 def median_of(values: Sequence[float]) -> tuple[float, float]:
-    """Return the median, and half the width of its 68 % interval by order statistics."""
+    """Return the median of `values`, and half the width of its 68 % interval by order statistics."""
     n, ordered = len(values), sorted(values)
     off = 0.5 * math.sqrt(n)
     low, high = max(0, math.floor(0.5 * n - off)), min(n - 1, math.ceil(0.5 * n + off) - 1)

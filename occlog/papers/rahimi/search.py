@@ -41,7 +41,10 @@ def fig3(size: Size, execute: Execute) -> Table:
 
 
 def _moving(results: Sequence[Mapping[str, float]], k: int) -> list[bool]:
-    """Return whether each problem goes on after iteration k; one that does not converge goes on for ever."""
+    """Return whether each problem goes on after iteration k; one that does not converge goes on for ever.
+
+    `results`: figures of each problem.
+    """
     return [k < r["iterations"] or not r["converged"] for r in results]
 
 
@@ -120,7 +123,7 @@ def error(solved: Solved) -> float:
 
 
 def panel(title: str, solved: Solved, *estimates: EstimatedPath) -> PlanPanel:
-    """Return the drawing of a problem with the given estimates; without any, with the solution."""
+    """Return the drawing of a problem, with a title and the given estimates; without any, with the solution."""
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
     seen = np.isin(np.arange(len(solved.tracks)), at.state)
     return PlanPanel(title, solved.true_xy, seen, estimates or (EstimatedPath("estimate", solved.xy),))

@@ -81,7 +81,7 @@ def in_line(text: str) -> str:
 
 
 def _each_once(locations: Iterable[str]) -> list[str]:
-    """Path to each recording through the fewest links; of several the first by name."""
+    """Return one path to each recording among `locations`: through the fewest links, of several the first by name."""
     ways: dict[str, set[str]] = defaultdict(set)
     for location in locations:
         ways[location if is_url(location) else os.path.realpath(location)].add(location)
@@ -89,7 +89,7 @@ def _each_once(locations: Iterable[str]) -> list[str]:
 
 
 def _links(location: str) -> int:
-    """Number of symbolic links on the path to a file."""
+    """Return the number of symbolic links on the path `location`; 0 for a URL."""
     return 0 if is_url(location) else sum(part.is_symlink() for part in (Path(location), *Path(location).parents))
 
 
@@ -163,7 +163,7 @@ def _found(pattern: str, results: str) -> list[str]:
 
 
 def _stem(location: str) -> str:
-    """File name without suffix, as text; `_` replaces names of dots only, which denote folders."""
+    """Return the file name of a location without suffix; `_` replaces names of dots only, which denote folders."""
     stem = PurePosixPath(without_secrets(location) if is_url(location) else in_text(location)).stem
     return stem if stem.strip(".") else "_" * len(stem)
 
@@ -173,7 +173,7 @@ def _fits(name: str) -> bool:
 
 
 def _shown(locations: Sequence[str]) -> dict[str, str]:
-    """Short name of each location: its path below the common folder."""
+    """Return the short name of each location: its path below the common folder, or the URL without secrets."""
     local = [location for location in locations if not is_url(location)]
     common = os.path.commonpath([str(Path(location).parent) for location in local]) if local else ""
     files = {location: Path(location).relative_to(common).as_posix() for location in local}

@@ -34,9 +34,15 @@ class DaskCluster:
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task with workers that died as often as Dask allows, twice.
+        """Generate key and result of each task as it ends; `Lost` if its workers died as often as Dask allows, twice.
 
         The second time it runs alone, since Dask blames every task that waited at a dead worker.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+
+        UsageError if Dask is not installed, or the scheduler does not answer.
         """
         try:
             import distributed
@@ -71,7 +77,13 @@ class DaskCluster:
     def _submitted(
         self, library: Any, client: Any, todo: Mapping[str, T], work: Callable[[T], R]
     ) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results of jointly submitted tasks.
+        """Generate key and result of each of the tasks `todo`, submitted together.
+
+        Args:
+            library: the module `distributed`.
+            client: of the scheduler.
+            todo: tasks by key.
+            work: function of a task.
 
         Raises:
             InputError: the scheduler is gone, or it or a worker cannot read the tasks (without this version of occlog).
@@ -263,5 +275,5 @@ def _number(value: str) -> object:
 
 
 def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
-    """Return key and result of the tasks of a job, run in subprocesses, so that a crash does not end the job."""
+    """Return key and result work(piece) of the `pieces` of a job, run in subprocesses: a crash does not end the job."""
     return list(Processes(1).outcomes(dict(pieces), work))

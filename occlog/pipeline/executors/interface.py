@@ -52,6 +52,6 @@ class InThisProcess:
     """Executor that runs one task after another in this process."""
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate key and result of each task, in their order, run in this process."""
+        """Generate key and result work(piece) of each piece in `todo`, in their order, run in this process."""
         for key, piece in todo.items():
             yield key, work(piece)

@@ -30,7 +30,7 @@ class Processes:
     """Executor with new processes, which inherit no state of this one."""
 
     def __init__(self, workers: int) -> None:
-        """Use this number of processes, at least 1."""
+        """Use the number `workers` of processes, at least 1."""
         self._workers = workers
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
@@ -66,7 +66,7 @@ class _Pool(Generic[T, R]):
         self._workers, self._work = workers, work
 
     def outcomes(self, todo: Mapping[str, T]) -> Iterator[tuple[str, R]]:
-        """Generate the results; incomplete if a process dies."""
+        """Generate key and result of the tasks `todo` as they end; incomplete if a process dies."""
         waiting = iter(list(todo.items()))
         running: dict[Future[R], str] = {}
         with _one_thread_each():

@@ -138,9 +138,10 @@ def key_of_name(name: str) -> str:
 
 
 def check_name(name: str, where: str, so: str) -> None:
-    """InputError (ending with `so`) for a name that leads out of its folder, or that other programs misread.
+    """InputError for a name that leads out of its folder, or that other programs misread.
 
-    Colons are allowed: names of recordings with a time contain them.
+    Colons are allowed: names of recordings with a time contain them. `where`: archive or folder, begin of the message;
+    `so`: its end.
     """
     parts = name.split("/")
     bad = (

@@ -200,9 +200,9 @@ def _stages(
 
 
 def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[RunStage]) -> None:
-    """Forget stages that the configuration no longer has, and delete their outputs.
+    """Remove stages that the configuration no longer has from `state`, in place, and delete their outputs.
 
-    Files changed since, or made by another stage now, are kept.
+    Files changed since, or made by another stage now, are kept. `stages`: those of the configuration.
     """
     made = {str(Path(p).relative_to(folder)) for stage in stages for p in stage.output_paths}
     for name in set(state) - {stage.name for stage in stages}:

@@ -308,6 +308,9 @@ def _beside(path: Path) -> Iterator[Path]:
 
 
 def name_of(file: Path, argument: str) -> str:
-    """Key of a file in `files_of`, independent of its location: its name, in a folder its relative path."""
+    """Return the key of a file in `files_of`, independent of its location: its name, in a folder its relative path.
+
+    `argument`: value of the configuration that names the file or the folder.
+    """
     folders = (path for path in places_of(argument) if path.is_dir() and file.is_relative_to(path))
     return next((file.relative_to(path).as_posix() for path in folders), file.name)

@@ -133,7 +133,7 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
 
 
 def _place(config: Config, stage: str, keys: tuple[str, ...]) -> str:
-    """Return the name of a stage's key for messages, or of the top-level key that stands for it."""
+    """Return the name of a stage's key (`keys`: path to it) for messages, or of the top-level key in its stead."""
     whole = keys[0] in config.values and keys[0] not in config.stage(stage)
     return config.at(*keys) if whole else config.at(stage, *keys)
 
@@ -214,7 +214,7 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
 def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[RunStage]:
     """Generate the stages for measurements in a table, or for directions in sound, which need no detection.
 
-    Without a scene the positions of arrays are unknown: directions are the result.
+    Without a scene the positions of arrays are unknown: directions are the result. `out`: paths of tables by name.
     """
     if "table" in config.values:
         measured = config.path.resolve().parent / str(config.values["table"])
@@ -552,7 +552,10 @@ def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: 
 
 
 def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
-    """Keys that a stage can have, over all kinds of its command; empty for a plug-in, which has its own."""
+    """Return the keys that a stage can have, over all kinds of its command that `values` (of the stage) leave open.
+
+    Empty for a plug-in, which has its own.
+    """
     verb = load(COMMANDS["report" if stage == OVERLAY else stage].where)
     by: tuple[str, ...] = ()
     if isinstance(verb, Verbs):

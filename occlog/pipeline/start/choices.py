@@ -92,17 +92,17 @@ class Choices:
         return key in self.given.get(stage, {})
 
     def put(self, stage: str, key: str, value: object) -> None:
-        """Set the key of the stage, without a line about it."""
+        """Set the key of the stage to `value`, without a line about it."""
         self.values.setdefault(stage, {})[key] = value
 
     def guess(self, stage: str, key: str, value: object, text: str) -> None:
-        """Set the key of the stage unless the user sets it, and add the line `text` with the option that changes it."""
+        """Set the key of the stage to `value` unless the user sets it; add the line `text` with the option for it."""
         if not self.has(stage, key):
             self.put(stage, key, value)
             self.say(text, f"--set {stage}{'.' if stage else ''}{key}=...")
 
     def value(self, stage: str, key: str) -> object:
-        """Value of a key (of the user, or chosen); None if not set."""
+        """Return the value of the key of the stage (of the user, or chosen); None if not set."""
         return self.given.get(stage, {}).get(key, self.values.get(stage, {}).get(key))
 
     def shown(self, path: Path) -> str:
@@ -110,7 +110,10 @@ class Choices:
         return shown(path, self.sources)
 
     def only(self, items: Sequence[Item], what: str) -> Item:
-        """The first of some items; a line lists the others, which are not used."""
+        """Return the first of some items, a stated one before others; a line lists the others, which are not used.
+
+        `what`: words for the items in the line.
+        """
         first, *others = sorted(items, key=lambda item: not item.stated)
         for other in others:
             self.found.drop(other, f"a second {what}")

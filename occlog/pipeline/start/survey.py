@@ -89,7 +89,7 @@ class Survey:
 
 
 def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Stated]:
-    """Parse statements `PATH=KIND[:NAME]`; the path as given, or below a source.
+    """Return the statements in `texts`, `PATH=KIND[:NAME]`, by resolved path; the path as given, or below a source.
 
     Raises:
         UsageError: a path does not exist, or a kind is unknown.

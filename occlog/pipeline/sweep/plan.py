@@ -216,7 +216,10 @@ def _put(trial: dict[str, object], name: str, value: object) -> None:
 
 
 def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
-    """Names of the cameras in use; a number selects the first ones of the order."""
+    """Return the names of the cameras in use; a number as `value` selects the first ones of the order.
+
+    None: all cameras. InputError for other values.
+    """
     if value is None or isinstance(value, list):
         return value
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= len(order):

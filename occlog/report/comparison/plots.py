@@ -219,7 +219,7 @@ def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
 
 
 def _both(a: Floats, b: Floats) -> Floats:
-    """Return the corners (2, 2), low and high, of the bounding box of two plans with such corners."""
+    """Return the corners (2, 2), low and high, of the bounding box of the plans `a` and `b` with such corners."""
     return np.array([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
 
 

@@ -265,7 +265,7 @@ def _names(rows: Iterable[ComparisonRow]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Format a list: `a`, `a and b`, `a, b and c`."""
+    """Return names as text: `a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 

@@ -64,8 +64,9 @@ class ErrorsAgainstBound:
         self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
-        """Add a section; return the root mean square bounds (N, 2) so far of each row's target: filtering,
-        smoothing.
+        """Add a section; return root mean square bounds (N, 2), filtering and smoothing, so far.
+
+        Row by row, of the target of the row, over the rows up to it.
         """
         out = np.full((len(bound), 2), np.nan)
         for target in np.unique(bound.target_id).tolist():
@@ -121,7 +122,7 @@ MAX_LOOKUPS = 200
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
-    """Whether tracks have their own identities, by the result of `matching_tracks`."""
+    """Whether tracks have their own identities, by the result `found` of `matching_tracks`."""
     return any(target != track for target, track in found.items())
 
 

@@ -74,7 +74,16 @@ class _Cells:
 
 
 def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Ints]:
-    """Assign frames to intervals; a frame lasts until the next one, at most 1.5 times the usual period."""
+    """Assign frames to intervals; a frame lasts until the next one, at most 1.5 times the usual period.
+
+    Args:
+        times: (n,) of the frames, rising [ns].
+        seen: (n,) whether the target is seen.
+        period: usual time between frames [ns].
+
+    Returns:
+        Borders (m + 1,) of intervals [ns], and for each (m,) whether a frame lasts, and whether it sees the target.
+    """
     longest = period + period // 2
     ends = np.append(np.minimum(times[1:], times[:-1] + longest), times[-1] + period)
     edges = np.unique(np.concatenate([times, ends]))
@@ -198,7 +207,9 @@ class ObservationStreams:
         return ObservationCoverage(self.rows, self._seen, by_name, self.labels, series)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
-        """Interval borders, observations and detections of pairs of sensor and target."""
+        """Return interval borders, observations and detections of the `wanted` pairs of sensor and target, by
+        number.
+        """
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
             for number in range(self._records.count):

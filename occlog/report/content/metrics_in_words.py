@@ -257,7 +257,7 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
-    """Return the entries of a nested mapping with dotted paths that begin with `prefix`.
+    """Return the entries of nested mappings `values` with dotted paths that begin with `prefix`.
 
     Entries that begin with `_` (provenance) and `plausible` are left out.
     """

@@ -288,5 +288,8 @@ class ReportInput:
         return self.figures.selections
 
     def beside_bound(self, target: int | None = None, where: str = "") -> tuple[float, float]:
-        """RMSE and bound over common times, of a target or of all; see `ErrorsAgainstBound.figures`."""
+        """Return RMSE and bound over common times, of a target or of all (None); see `ErrorsAgainstBound.figures`.
+
+        `where`: empty on the ground, `_space` in space.
+        """
         return self.figures.bound.figures(target, where, smoothed=self.smoothed)

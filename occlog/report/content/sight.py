@@ -110,7 +110,7 @@ class LabelledSightings:
 
 
 def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
-    """Return the bearings of the scene's sensors that see a target, by label of the target."""
+    """Return the bearings of the scene's sensors that see a target, for each of the target's `labels`."""
     sensor = _index(bearings.sensor, tuple(sensor_positions(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
     for label in labels:
@@ -120,7 +120,7 @@ def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict
 
 
 def label_of(target: int, labels: Collection[int]) -> int:
-    """Label of the bearings to compare with a target; -1 if none has the target's label."""
+    """Return the label of bearings to compare with a target: its own if it is among `labels`, else -1."""
     return target if target in labels else UNLABELLED
 
 
@@ -158,7 +158,7 @@ def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
 
 
 def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
-    """(N,) index of each name in `known`; -1 if missing."""
+    """Return the index (N,) of each of `names` (N,) in `known`; -1 if missing."""
     unique, inverse = np.unique(names, return_inverse=True)
     numbers = np.array([known.index(n) if n in known else -1 for n in unique], dtype=np.int64)
     return numbers[inverse] if len(unique) else np.empty(0, np.int64)
@@ -171,7 +171,7 @@ def has_common_time(t_ns: Ints) -> Bools:
 
 
 def period_of(steps: Sequence[float]) -> int:
-    """Scan period of sensors with these usual intervals."""
+    """Return the scan period [ns] of sensors with the usual intervals `steps` [ns]: their median, at least 1."""
     return max(int(np.median(steps)) if len(steps) else 1, 1)
 
 

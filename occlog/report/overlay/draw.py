@@ -72,7 +72,7 @@ class FrameDrawing(NamedTuple):
     ] = {}  # position of a target among all by identity, which states its colour; else its number
 
     def colour(self, target_id: int) -> Colour:
-        """Return the BGR colour of a target."""
+        """Return the BGR colour of the target `target_id`."""
         return colour_of(self.ranks.get(target_id, target_id))
 
 
@@ -122,7 +122,7 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
 
 
 def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
-    """Tile pictures in rows on a dark background; width and height are even, as codecs require."""
+    """Return pictures in rows of `columns` on a dark background; width and height are even, as codecs require."""
     height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
     gap, rows = 4, math.ceil(len(pictures) / columns)
     whole = (rows * height + (rows - 1) * gap, columns * width + (columns - 1) * gap)
@@ -138,7 +138,10 @@ def _interpolation(scale: float) -> int:
 
 
 def _points(points: Floats, scale: float) -> NDArray[np.int32]:
-    """(k, 1, 2) integer points for OpenCV; distant ones are clipped against overflow."""
+    """Return points (k, 2) [px] as integers (k, 1, 2) for OpenCV; distant ones are clipped against overflow.
+
+    `scale`: pixels of the picture per pixel.
+    """
     moved = np.clip(scale * (np.asarray(points) + 0.5) - 0.5, -30_000, 30_000)
     return np.rint(moved * (1 << SUB)).astype(np.int32).reshape(-1, 1, 2)
 
@@ -159,7 +162,10 @@ def _rim(ellipse: Floats) -> Floats:
 
 
 def _dashes(points: Floats, scale: float) -> list[Floats]:
-    """Return the dashes of a polyline (k, 2), half of its length; `scale`: pixels of the picture per pixel."""
+    """Return the dashes of the polyline `points` (k, 2), half of its length.
+
+    `scale`: pixels of the picture per pixel.
+    """
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     count = max(3, round(scale * float(way[-1]) / 22.0))
     parts = (np.arange(count)[:, None] + np.linspace(0.0, 0.5, 7)) / count * way[-1]
@@ -197,7 +203,7 @@ def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colou
 
 
 def label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
-    """Draw text on a coloured background, centred above `bottom`.
+    """Draw the text `words` on a coloured background, centred above `bottom` (x, y).
 
     It is moved inside the picture and away from labels in `taken`, to which it is added.
     """

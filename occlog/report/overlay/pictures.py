@@ -60,7 +60,7 @@ class LostFrames:
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
-        """Record that a frame is shown: it becomes a loss if it could not be decoded."""
+        """Record that the frame with this index of a camera is shown: a loss if it could not be decoded."""
         if self.is_lost(sensor, index):
             self._missed.add((sensor, index))
 
@@ -164,7 +164,7 @@ class Pictures:
         self._start = (recording.time_ns or (0, 0))[0]
 
     def _good_scale(self, cells: int) -> float:
-        """Scale: small images are enlarged, and large ones reduced until all fit."""
+        """Return the scale of the pictures: small ones are enlarged, and large ones reduced until all `cells` fit."""
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         rows = math.ceil(cells / self._columns)
         most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)

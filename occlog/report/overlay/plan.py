@@ -134,7 +134,7 @@ class PlanRenderer:
 
 
 def _mark(yaw: float) -> Floats:
-    """(3, 2) corners of a camera's mark [px], which opens in the viewing direction."""
+    """Return the corners (3, 2) of a camera's mark [px], which opens in the direction `yaw` [rad] in the world."""
     c, s = math.cos(yaw), -math.sin(yaw)
     ahead, aside = np.array([c, s]), np.array([-s, c])
     return MARK * np.array([0.0 * ahead, ahead + 0.6 * aside, ahead - 0.6 * aside])
@@ -266,7 +266,7 @@ class Trails:
 
 
 def targets_of(paths: Mapping[Path, type[Tracks] | type[ViewTracks]]) -> dict[int, int]:
-    """Index of each identity over all tables, by a pass over their rows."""
+    """Return the rank of each target identity over all tables (`paths`: type by file), by a pass over their rows."""
     found = (rows for path, table in paths.items() for rows in open_input(path).rows(table))
     names = {target for rows in found for target in np.unique(rows.target_id).tolist()}
     return {target: rank for rank, target in enumerate(sorted(names))}

@@ -140,7 +140,7 @@ def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
 
 
 def _rate(recording: McapRecording, names: list[str]) -> float:
-    """Frame rate of the fastest camera; 25 for a recording with a single time."""
+    """Return the frame rate [Hz] of the fastest of the cameras `names`; 25 for a recording with a single time."""
     first, last = recording.time_ns or (0, 0)
     topics = [t for t in recording.topics if t.schema in (IMAGE_SCHEMA, VIDEO_FRAME)]
     most = max((t.messages for t in topics if any(f"/{name}/" in t.name for name in names)), default=0)

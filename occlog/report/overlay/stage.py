@@ -81,7 +81,7 @@ def _label_failures(failures: Failures | None) -> dict[int, int]:
 
 
 def _others(failures: Failures | None, numbered: bool) -> list[str]:
-    """Text about label failures of trackers without numbers."""
+    """Return texts about label failures of trackers; empty if they are `numbered`, since their numbers show them."""
     if failures is None or numbered:
         return []
     rows = np.flatnonzero(failures.kind == "label")

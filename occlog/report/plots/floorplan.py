@@ -72,7 +72,10 @@ def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, k
 
 
 def _offsets(outward: Floats, shape: Floats) -> list[Floats]:
-    """Centres of a label relative to its point: eight directions at two distances, outward first."""
+    """Return centres of a label relative to its point: eight directions at two distances, outward first [points].
+
+    `outward`: (2,) preferred direction; `shape`: (2,) width and height of the label.
+    """
     angles = np.arange(8) * np.pi / 4
     first = float(np.arctan2(outward[1], outward[0]))
     order = np.argsort(np.abs(np.angle(np.exp(1j * (angles - first)))), kind="stable")
@@ -165,7 +168,10 @@ def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
 
 
 def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
-    """Draw cameras as dots, with short lines along their optical axes."""
+    """Draw cameras as dots, with short lines along their optical axes; return the entry of the legend.
+
+    `limits`: (2, 2) of the plan.
+    """
     for camera in cameras:
         tip = _tip(camera, limits)
         axes.annotate(
@@ -191,7 +197,7 @@ def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
 
 
 def _tip(camera: Camera, limits: Floats) -> Floats:
-    """End of the line along a camera's optical axis."""
+    """Return the end (2,) of the line along a camera's optical axis, by the `limits` (2, 2) of the plan."""
     length = 0.05 * float((limits[1] - limits[0]).max())
     return np.asarray(camera.ground + length * np.array([np.cos(camera.yaw), np.sin(camera.yaw)]))
 
@@ -372,7 +378,10 @@ def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: A
 
 
 def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, points: int, **style: Any) -> None:
-    """Draw the path in `rows` of a table, as `_line` does; parts before `since` [ns] are faint, None: none."""
+    """Draw the path in `rows` of a table; parts before `since` [ns] are faint, None: none.
+
+    It is thinned to extremes in `points` sections, and broken at gaps.
+    """
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
         _line(axes, table, rows[table.t_ns[rows] <= since], points, **faint)

@@ -136,7 +136,14 @@ def mark_clipped(
 ) -> None:
     """Mark values beyond the upper edge, with the highest one as text.
 
-    Their number is stated only if the values are `all_there`.
+    Args:
+        axes: drawn on.
+        time: time axis.
+        t_ns: (n,) times [ns].
+        values: (n,) values.
+        top: upper edge of the axes.
+        unit: of the values.
+        all_there: their number is stated, since none is left out.
     """
     over = np.flatnonzero(values > top)
     if not len(over):
@@ -404,7 +411,7 @@ def coarser(found: SensorSightings, most: int) -> SensorSightings:
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
-    """Draw a bar for each sensor, with its name and its share of detections; the first sensor is on top."""
+    """Draw a bar for each sensor, with its share of detections, and its name in `names`; the first sensor is on top."""
     shares = []
     for row, found in enumerate(rows):
         _bar(axes, time, found, -float(row))
@@ -423,7 +430,7 @@ def _percent(share: float) -> str:
 
 
 def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
-    """Write the name of each row at the left and its share at the right; the first row is on top."""
+    """Write the names of rows at the left and their shares (texts) at the right; the first row is on top."""
     ticks = [-float(i) for i in range(len(names))]
     axes.set_yticks(ticks, names)
     axes.set_ylim(-len(names) + 1 - 0.6, 0.6)

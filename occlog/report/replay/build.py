@@ -125,7 +125,7 @@ def plan_values(data: ReportInput, steps: ReplaySteps) -> tuple[dict[str, Any], 
 
 
 def safe_json(values: object) -> str:
-    """JSON that is safe inside an HTML script element."""
+    """Return `values` as JSON that is safe inside an HTML script element."""
     text = json.dumps(values, ensure_ascii=True, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

@@ -50,7 +50,7 @@ def packed(kind: str, values: ArrayLike) -> Packed:
 
 
 def placed(values: Floats, middle: float, step: float) -> Ints:
-    """Return positions (N,) as integer steps from the centre of the plan, clipped to 16 bits.
+    """Return coordinates `values` (N,) as integer steps from the centre of the plan, clipped to 16 bits.
 
     `middle`: coordinate of the centre; `step`: length of a step.
     """
@@ -59,7 +59,10 @@ def placed(values: Floats, middle: float, step: float) -> Ints:
 
 
 def starts(step: Ints, n_steps: int) -> Packed:
-    """First row of each time step and the end, for rows sorted by time step."""
+    """Return the first row of each of `n_steps` time steps, and the end, encoded for the page's script.
+
+    `step`: (N,) time step of each row, rising.
+    """
     return packed("u4", np.searchsorted(step, np.arange(n_steps + 1)))
 
 
@@ -71,7 +74,7 @@ class Words:
         self._numbers: dict[str | None, int] = {}
 
     def numbers(self, texts: Iterable[Any], known: Bools | None = None) -> Ints:
-        """Return the number (N,) of each text, adding new ones; where `known` (N,) is False, that of None."""
+        """Return the number (N,) of each of N texts, adding new ones; where `known` (N,) is False, that of None."""
         out = [
             self._numbers.setdefault(None if known is not None and not known[k] else str(text), len(self._numbers))
             for k, text in enumerate(texts)
@@ -277,7 +280,10 @@ class ReplaySteps:
         }
 
     def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
-        """Directions of detections at each time step, and the interval of steps that have them."""
+        """Return directions of detections at each time step, encoded, and the interval of steps that have them.
+
+        `sensors`: names, by whose index a detection names its sensor.
+        """
         bearings = self.data.bearings
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
@@ -342,7 +348,7 @@ class ReplaySteps:
 
 
 def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -> Ints:
-    """(N,) values >= 0 in integer steps, at most `most`; `unknown` for values that are not finite."""
+    """Return values >= 0 (N,) in integer multiples of `step`, at most `most`; `unknown` for those not finite."""
     found = np.isfinite(values)
     steps = np.clip(np.round(np.where(found, values, 0.0) / step), 0, most)
     return np.asarray(np.where(found, steps, unknown).astype(np.int64))

@@ -71,7 +71,7 @@ class Thumbnails:
         return np.unique(np.array([t for images in self.cameras.values() for t, _ in images], dtype=np.int64))
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
-        """Return the images and their times, encoded for the page's script."""
+        """Return the images and their times [s] after `start_ns`, encoded for the page's script."""
         return [
             {
                 "index": index,
@@ -147,7 +147,7 @@ def _size(
 
 
 def _before(times: Ints, chosen_ns: Ints) -> set[int]:
-    """Latest of the sorted times at or before each time step."""
+    """Return the latest of the sorted times at or before each of the time steps `chosen_ns` [ns], as a set."""
     at = np.searchsorted(times, chosen_ns, side="right") - 1
     return set(times[at[at >= 0]].tolist())
 
@@ -159,9 +159,16 @@ def _drawn(
     targets: Sequence[int],
     lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
-    """Camera, time and JPEG of each selected frame.
+    """Generate camera, time [ns] and JPEG of each selected frame, with its drawings.
 
     A frame that cannot be decoded is black, or omitted if it precedes the first decodable one.
+
+    Args:
+        opened: the recording.
+        chosen: times of the frames by camera [ns].
+        sources: tables that are drawn; None: none.
+        targets: identities, which set the colours.
+        lost: records frames that cannot be decoded.
     """
     scene = opened.scene
     metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)

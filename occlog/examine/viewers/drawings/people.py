@@ -204,9 +204,10 @@ class PeopleDrawing:
         return DrawingGroup(f"target {person.target}", lines, [body], texts=[name])
 
     def in_image(self, camera: Camera, metres: float, t_ns: int) -> list[DrawingGroup]:
-        """Shapes over a camera's image.
+        """Return shapes over a camera's image at the time `t_ns` [ns].
 
-        Outline and floor ellipse of each target, dashed if the camera does not detect it.
+        Outline and floor ellipse of each target, dashed if the camera does not detect it. `metres`: metres per length
+        unit.
         """
         things = []
         for person in self.at(t_ns):
@@ -249,9 +250,9 @@ def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
 
 
 def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(4,) left, top, right, bottom [px] of a person.
+    """Return left, top, right and bottom (4,) [px] of a person in a camera's image.
 
-    None if not entirely in front of the camera, or outside the image.
+    None if not entirely in front of the camera, or outside the image. `metres`: metres per length unit.
     """
     away = person.xy / metres - camera.ground
     aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
@@ -277,7 +278,7 @@ def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def corners(box: Floats) -> Floats:
-    """(5, 2) closed polyline of the edges left, top, right, bottom."""
+    """Return the closed polyline (5, 2) around a box (4,): left, top, right, bottom."""
     left, top, right, bottom = box.tolist()
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
 

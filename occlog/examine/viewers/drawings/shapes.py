@@ -112,7 +112,10 @@ def rim(middle: Floats, covariance: Floats) -> Floats:
 
 
 def around(middle: Floats, half: Floats, axes: Floats | None = None) -> Floats:
-    """(RIM + 1, 2) points of an ellipse with half axes (2,) along the columns of `axes` (2, 2)."""
+    """Return points (RIM + 1, 2) of an ellipse about `middle` (2,) with half axes `half` (2,).
+
+    `axes`: (2, 2) directions of the half axes as columns; None: x and y.
+    """
     unit = UNIT_CIRCLE * half
     return np.asarray(middle + (unit if axes is None else unit @ axes.T))
 
@@ -264,5 +267,5 @@ def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
 
 
 def _from_zero(counts: Ints) -> Ints:
-    """Concatenated ranges 0, 1, ..., count - 1 for each count."""
+    """Return the concatenated ranges 0, 1, ..., count - 1 for each count in `counts` (n,)."""
     return np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)

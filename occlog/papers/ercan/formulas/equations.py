@@ -67,7 +67,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
     """Return the mean of Eq. 2, with the square and without, over the variance of readings by drawn cameras.
 
-    Without noise of the readout, which is in both as it is.
+    Without noise of the readout, which is in both as it is. `n_points`: number of depths.
     """
     d = rng.uniform(*DEPTHS, n_points)
     h = d * math.tan(0.5 * FOV)
@@ -113,7 +113,10 @@ def _priors(rng: np.random.Generator) -> Priors:
 
 
 def _independent(q: Floats) -> Floats:
-    """Return (L, 2^N) p(eta) of all eta with cameras independent of each other."""
+    """Return p(eta) (L, 2^N) of all eta with cameras independent of each other.
+
+    `q`: (L, N, M) probabilities that occluder j hides a position from camera i.
+    """
     seen, out = np.prod(1.0 - q, axis=2), np.ones((len(q), 1))
     for i in range(seen.shape[1]):  # camera i is bit i of the column
         out = np.concatenate([out * (1.0 - seen[:, i : i + 1]), out * seen[:, i : i + 1]], axis=1)

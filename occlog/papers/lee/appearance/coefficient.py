@@ -66,7 +66,10 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
 
 
 def _histogram(grey: Floats, bins: int, shift: float) -> Floats:
-    """Return the histogram (bins + 1,) or (bins,) of grey levels over 0 to 256, shifted by a share of the bin width."""
+    """Return the histogram of `grey` levels (0 to 256) with shares that sum to 1, of `bins` bins.
+
+    `shift`: shift of the levels, as a share of the bin width; above 0 there is one bin more.
+    """
     width = GREY / bins
     index = np.floor((grey + shift * width) / width).astype(np.int64)
     return density(np.bincount(index, minlength=bins + (shift > 0)))

@@ -224,10 +224,17 @@ def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
 
 
 def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
-    """False decisions (is this the person or not) with the front part of a gallery, with and without suspending.
+    """Return false decisions (is this the person or not) with the front part of a gallery, with and without suspending.
 
     The threshold is that at which, of candidates at angles that the gallery has, as large a share of the right ones
     is refused as of the wrong ones is accepted.
+
+    Args:
+        kind: of people, part of the names.
+        gallery: (P, `ANGLES`, m) colours of P people.
+        candidates: (n, m) colours.
+        owner: (n,) person of each candidate.
+        at: (n,) index of its angle.
     """
     out = {}
     same = owner[:, None] == np.arange(PEOPLE)

@@ -230,7 +230,14 @@ def _frames(row: PaperRow) -> Floats:
 def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Ints) -> float:
     """Return the frames saved in a sample of runs; log frames are interpolated linearly in log error.
 
-    The result is NaN where the error is outside the range of those of the periods.
+    NaN if the error is outside the range of those of the periods.
+
+    Args:
+        errors: (R,) of a policy, by run.
+        frames: (R,) of it.
+        of_periods: (K, R) errors of K periods.
+        frames_of: (K, R) their frames.
+        runs: indices of the runs in the sample.
     """
     wanted = math.log(errors[runs].mean())
     known, cost = np.log(of_periods[:, runs].mean(axis=1)), np.log(np.maximum(frames_of[:, runs].mean(axis=1), 0.5))

@@ -58,7 +58,10 @@ def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
 
 
 def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> TagSightings:
-    """Return bearings (N, C) [rad] of C cameras as sightings with the standard deviation `sigma` [rad]."""
+    """Return bearings (N, C) [rad] of C cameras as sightings with one standard deviation.
+
+    `bearing`: (N, C); `sigma`: standard deviation [rad].
+    """
     position = np.array([c.ground for c in cameras])
     return TagSightings(position, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
 

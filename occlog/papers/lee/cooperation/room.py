@@ -55,7 +55,7 @@ def finals(size: Size, execute: Execute) -> Table:
 
 
 def _average(table: Table, series: str, since: float, until: float) -> PaperRow | None:
-    """Return a row of the means over the times from `since` to before `until` [s], run by run; None without any."""
+    """Return a row of the means of a series over times from `since` to before `until` [s], run by run; None: none."""
     rows = [r for r in v.series(table, series) if since <= r.x < until]
     if not rows:
         return None

@@ -132,7 +132,7 @@ EXACT = 1e-9
 
 
 def signed(force: Floats) -> Floats:
-    """Return (N,) forces along the diagonal, positive away from the origin."""
+    """Return the components (N,) of forces (N, 2) along the diagonal, positive away from the origin."""
     return np.asarray(force @ OUT)
 
 

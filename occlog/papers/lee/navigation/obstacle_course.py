@@ -73,7 +73,7 @@ class Course:
         return self.moving.at(step)
 
     def around(self, xy: Floats, obstacles: MovingObstacles) -> NearbyObstacles:
-        """Return the obstacles in the form needed for robots at (N, 2) positions."""
+        """Return the obstacles in the form needed for robots at positions `xy` (N, 2)."""
         there = np.isfinite(obstacles.xy[:, 0])
         # People are where they come nearest within the time ahead, on their course of the last step
         soon = obstacles.xy[there] + self.ahead * obstacles.move[there]

@@ -164,7 +164,7 @@ def _nearest_row(path: RobotPath) -> int:
 
 
 def _body(path: RobotPath, row: int, radius: float, alpha: float) -> Circle:
-    """Return the robot's outline at the row of the path, with its radius and opacity (0 to 1)."""
+    """Return the robot's outline at a row of the path, with its radius and opacity `alpha` (0 to 1)."""
     at = (float(path.x[row]), float(path.y[row]))
     return Circle(at, radius, fill=False, edgecolor=PATH, linewidth=0.8, alpha=alpha, zorder=3.2)
 

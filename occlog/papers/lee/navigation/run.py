@@ -192,7 +192,7 @@ def _picture(
     config: NavigateConfig,
     verdict: RobotVerdict,
 ) -> bytes:
-    """Return the PNG of the path in the scene."""
+    """Return the PNG of the path in the scene, with the words of its `verdict`."""
     from .picture import PathPicture, path_png
 
     goal = np.array(request.goal)

@@ -87,7 +87,7 @@ class Drive:
 
     @classmethod
     def at(cls, starts: Floats) -> Drive:
-        """Return the initial state of robots at start positions."""
+        """Return the initial state of robots at the positions `starts` (N, 2)."""
         n = len(starts)
         return cls(
             xy=starts.copy(),
@@ -168,10 +168,19 @@ def _guarded(
     obstacles: MovingObstacles,
     config: NavigateConfig,
 ) -> tuple[Floats, Ints]:
-    """Steps (A, 2) of robots at (A, 2) positions that do not collide if people go on as they did, and their states.
+    """Return steps (A, 2) that do not collide if people go on as they did, and the state (A,) of each robot.
 
     A step that would collide is turned by as little as will do, of two equal angles to the side on which the goal is
     nearer; where no direction is free, the one of the greatest clearance is taken, which may be no motion.
+
+    Args:
+        xy: (A, 2) positions.
+        move: (A, 2) steps that the forces demand.
+        state: (A,) states before.
+        goals: (A, 2).
+        course: static obstacles.
+        obstacles: people.
+        config: radius and length of a step.
     """
     expected = obstacles.expected()
     clearance = _least(course.clearance(xy, xy + move, config.radius, expected))[0]
@@ -205,7 +214,7 @@ def _standing(obstacles: MovingObstacles) -> MovingObstacles:
 
 
 def _least(gaps: Floats) -> tuple[Floats, Ints]:
-    """Return the (A,) smallest of (A, K) clearances and the obstacle's index; inf and -1 without obstacles."""
+    """Return the smallest (A,) of clearances `gaps` (A, K), and the obstacle's index; inf and -1 without obstacles."""
     if not gaps.shape[1]:
         return np.full(len(gaps), np.inf), np.full(len(gaps), -1)
     nearest = np.argmin(gaps, axis=1)
@@ -274,9 +283,9 @@ class _Watch:
         self._box = np.stack([np.minimum(self._box[0], xy), np.maximum(self._box[1], xy)])
 
     def stays(self, active: Ints, most: float) -> Bools:
-        """Return (A,) booleans: whether robots stayed within `most` in this window and the one before.
+        """Return the mask (A,) of the robots `active` (indices) that stayed within `most` in the last two windows.
 
-        They are False before there are two windows.
+        Their extent along x and y counts. False before there are two windows.
         """
         if self._step < 2 * WINDOW:
             return np.zeros(len(active), dtype=np.bool_)

@@ -63,16 +63,16 @@ PRINTED_THETA = {1: (45.00, 49.04), 2: (45.00, 50.28)}
 
 
 def root_mean(squares: Sequence[float] | Floats) -> tuple[float, ...]:
-    """Return one value a run, with the root of the mean square as mean, and that root's standard error."""
+    """Return one value for each run, with the root of the mean of `squares` as mean, and that root's standard error."""
     x = np.asarray(squares, dtype=np.float64)
     root = math.sqrt(float(x.mean()))
     return tuple((root + (x - root**2) / (2.0 * root)).tolist()) if root > 0 else tuple(np.zeros(len(x)).tolist())
 
 
 def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
-    """Table of RMSE and bounds at every fifth instant, in space and of each axis; at x NaN over all instants.
+    """Table of RMSE and bounds in a `scenario` (1 to 4) at every fifth instant; at x NaN over all instants.
 
-    The plot shows those in space; those of the axes are in the table.
+    In space and of each axis; the plot shows those in space.
     """
     n = FEW if size.quick else PARTICLES
     specs = [
@@ -158,7 +158,7 @@ def _below(key: str, planes: Sequence[PaperRow], direct: Sequence[PaperRow]) -> 
 
 
 def _angles(scenario: int) -> list[StatementVerdict]:
-    """Verdicts on the printed ranges of the angles, to the printed digits, in the full form of 50 instants."""
+    """Verdicts on the printed ranges of the angles in a `scenario`, in the full form of 50 instants."""
     xyz = world(scenario, 50).states[:, :3]
     theta, phi = (np.rad2deg(a) for a in sight_angles(xyz, np.zeros(3), np.eye(3)))
     out = []

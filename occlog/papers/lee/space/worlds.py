@@ -80,7 +80,7 @@ class SpaceWorld(NamedTuple):
 
 
 def world(scenario: int, steps: int) -> SpaceWorld:
-    """Make scenario 1 to 4 of Sec. 2.4, or `TABLE`, the world of Tables 2.1 and 2.2."""
+    """Return scenario 1 to 4 of Sec. 2.4, or `TABLE`, the world of Tables 2.1 and 2.2, with `steps` instants."""
     if scenario == TABLE:
         return _table_world(steps)
     dt = np.full(steps, STEP_S)
@@ -247,10 +247,10 @@ def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationMode
 
 @functools.lru_cache(maxsize=16)
 def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
-    """Return (T, 3) standard deviations of x, y and z [m]: the direct bound, and that of the planes.
+    """Return standard deviations (T, 3) of x, y and z [m] in a `scenario`: the direct bound, and that of the planes.
 
-    At each instant the planes are the two with the least variances of their angles at the true position, over
-    all arrays; on the axis that both have, the lower bound counts.
+    At each of T = `steps` instants the planes are the two with the least variances of their angles at the true
+    position, over all arrays; on the axis that both have, the lower bound counts.
     """
     w = world(scenario, steps)
     xyz, sigmas = w.states[:, :3], (SIGMA, SIGMA)

@@ -41,7 +41,7 @@ PRINTED = {
 
 
 def network(scenario: int, channel: str = SHARED) -> RouterNetwork:
-    """Return the string of five routers and a server ([Lee] Fig. 5-41) in a scenario."""
+    """Return the string of five routers and a server ([Lee] Fig. 5-41) in a scenario, with a kind of `channel`."""
     tracking, cameras = SCENARIOS[scenario]
     return RouterNetwork(
         links=(*pairwise(ROUTERS), ("R5", "server")),

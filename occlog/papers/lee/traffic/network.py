@@ -100,7 +100,7 @@ class RouterNetwork:
         return frozenset({"link " + " ".join(sorted((a, b)))})
 
     def tree(self, source: str, destinations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-        """Return the children of each node in the tree of shortest paths from a node to all destinations.
+        """Return the children of each node in the tree of shortest paths from the node `source` to all destinations.
 
         KeyError names a destination that no way leads to.
         """
@@ -348,7 +348,7 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
             finish(router, now_s)
 
     def heard(router: str, now_s: float) -> None:
-        """Make the estimate of a router that has all acoustic data."""
+        """Schedule the estimate of a router, which has all acoustic data at the time `now_s` [s]."""
 
         def estimate(t: float) -> None:
             if protocol == RBVC:

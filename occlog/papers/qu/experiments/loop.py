@@ -77,7 +77,10 @@ def loop(size: Size, execute: Execute) -> Table:
 
 
 def _alarmed(row: PaperRow, results: Sequence[Mapping[str, float]], label: str) -> PaperRow:
-    """Return a copy of the row with the mean figures of the loop check; `label`: of the method in the figures."""
+    """Return a copy of the row with the mean figures of the loop check.
+
+    `results`: figures of each run; `label`: of the method in them.
+    """
     extra = dict(row.extra)
     for name in ("checked", "bad", "false_alarm", "missed"):
         given = [r[f"{label}.{name}"] for r in results if not math.isnan(r[f"{label}.{name}"])]

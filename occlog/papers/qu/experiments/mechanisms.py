@@ -96,7 +96,7 @@ def judge_mechanisms(table: Table) -> list[StatementVerdict]:
 
 
 def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = "") -> PaperRow | None:
-    """Return a row of the means over some cases, run by run; None if one is missing.
+    """Return a row of the means of a method over some cases, run by run; None if one is missing.
 
     `end`: take the share of trackers that end there; empty: that of all off their target.
     """

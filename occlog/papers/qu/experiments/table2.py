@@ -83,7 +83,14 @@ def _faster(
 ) -> StatementVerdict:
     """Return the verdict on growth with the targets: the exponent of `rows` is above `LINEAR`.
 
-    In part, if it is only above that of the rows `bmct`. `paper` is the exponent of the printed values.
+    In part, if it is only above that of the rows `bmct`.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        paper: exponent of the printed values.
+        rows: particles or time of the joint filter, by number of targets.
+        bmct: of BMCT, likewise.
     """
     own = power_of(bmct).value
     rule = f"exponent above {LINEAR}; in part above that of BMCT, {own:.2f}"
@@ -131,7 +138,10 @@ class FilterVariant(NamedTuple):
     tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
 
     def total(self, targets: int, particles: float) -> float:
-        """Return the number of particles of all trackers in all views."""
+        """Return the number of particles of all trackers in all views, for a number of `targets`.
+
+        `particles`: of each tracker, or of the joint state.
+        """
         return VIEWS * particles * (1 if self.joint else targets)
 
 
@@ -176,7 +186,10 @@ def table2(size: Size, execute: Execute) -> Table:
 
 
 def _printed(counts: Sequence[int]) -> list[PaperRow]:
-    """Return the paper's particle numbers of the joint filter, relative to 4 targets."""
+    """Return rows of the paper's particle numbers of the joint filter, relative to 4 targets.
+
+    `counts`: numbers of targets; others are left out.
+    """
     unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
     return [PaperRow(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
 
@@ -268,7 +281,7 @@ def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequen
 
 
 def _fps(f: FilterVariant, targets: int, spent: Sequence[float]) -> dict[str, float]:
-    """Return frames (of all views) a second, and the printed ones; empty without times.
+    """Return frames (of all views) a second, and the printed ones for a number of `targets`; empty without times.
 
     `spent`: CPU time of a frame in each run [ms].
     """

@@ -165,7 +165,10 @@ def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
 
 
 def _speed(rows: Mapping[str, PaperRow]) -> list[StatementVerdict]:
-    """Return the verdicts on the speed of BMCT against that of the others, by the CPU times of the same videos."""
+    """Return the verdicts on the speed of BMCT against that of the others, by the CPU times of the same videos.
+
+    `rows`: by method.
+    """
     times = {m: PaperRow(m, 0.0, rows[m].each["frame_ms"]) for m in METHODS}
     out = []
     for other in ("mipf", "idmot"):

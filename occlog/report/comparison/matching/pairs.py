@@ -318,7 +318,10 @@ def _gap(t_ns: Ints, frame: Ints) -> Ints:
 
 
 def _changed(who: Ints, track: Ints) -> Bools:
-    """(n - 1,) mask of rows with another track than the previous row of the same person."""
+    """Return the mask (n - 1,) of rows with another track than the previous row of the same person.
+
+    `who`: (n,) person, `track`: (n,) track of each row; rows of a person follow each other.
+    """
     return np.asarray((np.diff(who) == 0) & (np.diff(track) != 0))
 
 
