@@ -14,7 +14,7 @@ _OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
 
 
 def as_flag(name: str) -> str:
-    """Name of a request field as typed on the command line: `--fused-views`, `--set person_height=`."""
+    """Return a request field as typed on the command line: `--fused-views`, `--set person_height=`."""
     free = name.removeprefix("set.")
     return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
 
@@ -24,7 +24,7 @@ SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_f
 
 
 def option(name: str) -> str:
-    """Name of a request field for a message, spelled later for the surface in use.
+    """Return a placeholder for a request field in a message, which `spelled` replaces for the surface in use.
 
     A setting without its own option is called `set.NAME`.
     """
@@ -32,12 +32,12 @@ def option(name: str) -> str:
 
 
 def spelled(text: str) -> str:
-    """A message (or JSON with one) with the names of `option` spelled for the surface in use."""
+    """Return a message (or JSON with one) with the names of `option` spelled for the surface in use."""
     return _OPTION.sub(lambda found: SPELLING.get()(found[1]), text)
 
 
 class ExitCode(IntEnum):
-    """Exit status of an `occlog` command."""
+    """Exit status of an `occlog` command: 0 is success."""
 
     DONE = 0
     BUG = 1
@@ -80,7 +80,7 @@ class OcclogError(Exception):
         return self._id or self.default_id
 
     def __str__(self) -> str:
-        """Message with options spelled for the surface in use."""
+        """Return the message with options spelled for the surface in use."""
         return spelled(super().__str__())
 
     @property

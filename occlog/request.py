@@ -160,7 +160,7 @@ def scene_file() -> Any:
 
 
 def seed_of_all() -> Any:
-    """Declare the seed of all random numbers, `--seed`."""
+    """Declare the field for the seed of all random numbers, `--seed`."""
     return setting(0, "Seed of all random numbers; equal seeds give equal results.", at_least=0, option="--seed")
 
 
@@ -208,11 +208,11 @@ class Request(Settings):
         return found
 
     def kind_of_input(self) -> str:
-        """Kind of its input; empty if there are no kinds."""
+        """Return the kind of the request's input; empty if there are no kinds."""
         return str(load(self.KIND)(self)) if self.KIND else ""
 
     def unfit(self, kind: str) -> Iterator[RequestEntry]:
-        """Given options that do not apply to a kind of input."""
+        """Generate the given options that do not apply to a kind of input."""
         for entry in Form(type(self)).entries():
             value = getattr(self, entry.field)
             value = value.get(entry.of.name) if entry.group is not None else value

@@ -70,7 +70,7 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
 
 
 def _with_file(error: InputError, request: Request) -> InputError:
-    """Prefix the error of a stage, which names tables only, with the file: `a.csv: bearings: row 3: ...`."""
+    """Return the error of a stage, which names tables only, with the file: `a.csv: bearings: row 3: ...`."""
     noun, colon, _ = str(error).partition(": ")
     files = request.files(output=False)
     # Errors of other classes name an option or a place themselves
@@ -80,7 +80,7 @@ def _with_file(error: InputError, request: Request) -> InputError:
 
 
 def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:
-    """Result with the losses recorded in the inputs, separate from the new ones."""
+    """Return the result with the losses recorded in the inputs, separate from the new ones."""
     if not done.losses:
         return done
     known = set(previous_losses(inputs))

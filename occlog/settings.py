@@ -101,7 +101,7 @@ class Declaration:
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:
-        """The range as text: `above 0 and at most 1`, `one of a, b`; empty without limits."""
+        """Return the range as text: `above 0 and at most 1`, `one of a, b`; empty without limits."""
         if self.choices:
             return ("of " if self.several else "one of ") + ", ".join(self.choices)
         ends = (
@@ -150,7 +150,7 @@ def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
 
 
 def declaration(of: Field[object]) -> Declaration:
-    """Declaration of a field of a settings class."""
+    """Return the declaration of a field of a settings class."""
     found: Declaration = of.metadata["setting"]
     return found
 
@@ -177,12 +177,12 @@ class Settings:
                 raise SettingError(self.OWNER, name, getattr(self, name), limit)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Rules between settings: name of the wrong one, whether the rule holds, and its text."""
+        """Generate the rules between settings: name of the wrong one, whether the rule holds, and its text."""
         return ()
 
     @classmethod
     def in_unit(cls, length_unit: str) -> Self:
-        """Default settings for a scene with this length unit."""
+        """Return the default settings for a scene with this length unit."""
         return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
 
 
@@ -303,7 +303,7 @@ def _names(of: type[Settings]) -> list[str]:
 
 
 def _read(of: type[Settings], name: str, value: object) -> object:
-    """Parse the value of a setting; UsageError for an unknown setting or an invalid text."""
+    """Return the value of a setting, parsed if it is a text; UsageError for an unknown setting or an invalid text."""
     if name not in _names(of):
         raise UsageError(_unknown(of.OWNER, name, _names(of)), id="unknown-key")
     return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
@@ -314,7 +314,7 @@ def _unknown(owner: str, name: str, known: Sequence[str]) -> str:
 
 
 def kind_of(of: type, name: str) -> object:
-    """Type of a setting as annotated, for example `float | None`."""
+    """Return the type of a setting as annotated, for example `float | None`."""
     return _kinds(of)[name]
 
 
@@ -361,7 +361,10 @@ def read_value(text: str, kind: object, name: str) -> object:
 
 
 def read_pair(text: str, size: bool) -> tuple[int, int]:
-    """Parse two integers: a size WIDTHxHEIGHT, or a range A:B with A < B; UsageError for anything else."""
+    """Return two integers in a text: a range A:B with A < B or, with `size`, a size WIDTHxHEIGHT.
+
+    UsageError for any other text.
+    """
     pattern = r"(\d{1,5})[xX](\d{1,5})" if size else r"(\d{0,9}):(\d{1,9})"
     found = re.fullmatch(pattern, text.strip())
     first, second = (int(found[1] or 0), int(found[2])) if found is not None else (0, 0)

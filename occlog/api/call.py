@@ -40,10 +40,13 @@ def settings_by_class(
     """Distribute keywords to the settings classes that declare them; one in several classes is set in all.
 
     Args:
-        verb: for messages.
+        verb: command or method, for messages.
         keywords: names and values.
-        classes: each after what the names of its settings begin with as keywords; most begin with nothing.
+        classes: each with the prefix of its settings in the keywords, mostly empty.
         arguments: names of the function's other arguments, for hints.
+
+    Returns:
+        Settings by name, for each class.
 
     Raises:
         UsageError: no class has a setting of that name; the message has the nearest name.
@@ -217,7 +220,10 @@ def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str
 
 
 def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
-    """The request without default outputs that its kind of input does not have."""
+    """Return a copy of the request without default outputs that its kind of input does not have.
+
+    `outputs`: paths of all outputs, by request field.
+    """
     unfit = (entry for entry in request.unfit(request.kind_of_input()) if entry.name in outputs)
     return replace(request, **{entry.field: None for entry in unfit if entry.file and entry.file.asked == "always"})
 
@@ -276,7 +282,7 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
 
 
 def _text(value: object) -> str:
-    """Format a value as an option takes it; items of a sequence are separated by commas."""
+    """Return a value as an option takes it; items of a sequence are separated by commas."""
     return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 

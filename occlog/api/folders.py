@@ -42,7 +42,7 @@ class Folder:
         return {name: path for name, path in paths.items() if path.is_file()}
 
     def without_paths(self, summary: Mapping[str, Any]) -> dict[str, Any]:
-        """Figures of a summary without paths of temporary files."""
+        """Return a copy of the figures of a summary without those that are paths of temporary files."""
         return {name: value for name, value in summary.items() if not str(value).startswith(str(self.path))}
 
 
@@ -52,7 +52,7 @@ class _Home:
     known: _Home | None = None
 
     def __init__(self) -> None:
-        """Create and lock it, and remove abandoned ones."""
+        """Create and lock a new folder under `TMPDIR`, and remove abandoned ones of ended processes."""
         self.process, self.path = os.getpid(), Path(mkdtemp(prefix=PREFIX))
         self._lock = _locked(self.path)
         self._numbers = count(1)
@@ -61,7 +61,7 @@ class _Home:
 
     @classmethod
     def of_this_process(cls) -> _Home:
-        """The folder of this process; a new one after a fork, or if it was removed."""
+        """Return the folder of this process; a new one after a fork, or if it was removed."""
         home = cls.known
         if home is None or home.process != os.getpid() or not home.path.is_dir():
             home = cls.known = cls()
@@ -75,7 +75,10 @@ class _Home:
 
 
 def _locked(folder: Path) -> int | None:
-    """Lock a folder until this process ends; None if locked by another process, or locks are unsupported."""
+    """Lock a folder until this process ends; return the lock's file descriptor.
+
+    None if it is locked by another process, or locks are unsupported.
+    """
     try:
         import fcntl
     except ImportError:  # no such locks on this system: nothing is found abandoned, either

@@ -213,7 +213,7 @@ def _only(names: tuple[str, ...], wanted: str | None) -> str:
 
 
 def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Table:
-    """Store the rows of an opened input as a table of this program."""
+    """Store the rows of an opened input as a table of occlog in the folder `home`, and return it."""
     from occlog.io.files.tables.table_writer import TableWriter
 
     if opened.recording is None and opened.foreign is None:
@@ -271,10 +271,10 @@ class CallInputs:
         SPELLING.reset(self._spelling)
 
     def rows(self, value: Source, name: str) -> Path:
-        """The file with the rows that an argument gives.
+        """Return the path of a file with the rows of an argument; rows in memory are written to a temporary one.
 
         Args:
-            value: the given value.
+            value: path, table, recording, or rows in memory.
             name: of the argument.
 
         Raises:
@@ -291,7 +291,7 @@ class CallInputs:
         return self.called(path, name)
 
     def called(self, path: Path, name: str) -> Path:
-        """Register a file under the name of an argument, for errors."""
+        """Register a file under the name of an argument, by which errors name it; return its path."""
         self._names[str(path)] = name
         return path
 
@@ -300,7 +300,10 @@ class CallInputs:
         return None if value is None else self.rows(value, name)
 
     def scene(self, value: SceneSource | None) -> Path | None:
-        """The file of a scene: of a `Scene` and of a table of stations in memory a new one; None for None."""
+        """Return the path of a scene's file; None for None.
+
+        A `Scene` and a table of stations in memory are written to a temporary one.
+        """
         from .tables import Table
 
         if value is None or isinstance(value, str | os.PathLike):
@@ -320,13 +323,13 @@ class CallInputs:
         return self.called(path, "scene")
 
     def named(self, text: str) -> str:
-        """Replace file names in a message by arguments."""
+        """Return a message in which names of temporary files are replaced by those of arguments."""
         for path, name in self._names.items():
             text = text.replace(path, name)
         return text
 
     def _as_argument(self, name: str) -> str:
-        """Format a value of a request or setting as an argument."""
+        """Return the name of a request field or setting as that of the argument, for messages."""
         free = name.removeprefix("set.")
         return self._arguments.get(name, name) if free == name else f"{free}="
 

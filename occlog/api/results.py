@@ -216,7 +216,7 @@ def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
 
 
 def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split a command's notes into warnings (without the prefix) and other notes."""
+    """Split a command's notes into (warnings without the prefix, other notes)."""
     note = list(dict.fromkeys(notes))
     mark = "warning: "
     return (

@@ -370,7 +370,7 @@ def ingest(
 
 
 def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
-    """Tuple of paths from one path or a sequence of paths."""
+    """Return a tuple of paths from one path or a sequence of paths."""
     return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(each) for each in value)
 
 
@@ -594,7 +594,7 @@ def _method_for(source: Source, scene: object) -> str:
 
 
 def _scene_of(request: Request) -> Scene | None:
-    """Scene of the targets; None if no input has one."""
+    """Return the scene of the targets, from the request's scene file or its inputs; None if none has one."""
     assert isinstance(request, TrackRequestBase)
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 

@@ -222,7 +222,7 @@ class Table:
 
 
 def in_words(value: object) -> str:
-    """Format a value for a cell: four significant digits, empty if unknown."""
+    """Return a value as text for a cell: four significant digits, empty if unknown."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return ""
     if isinstance(value, float):

@@ -46,7 +46,7 @@ def add_common(command: click.Command) -> None:
 
 
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap the callback of a command by a check that its inputs exist.
+    """Return the callback of a command preceded by a check that its inputs exist.
 
     Errors in the command line are reported first, since settings of `--set` are checked by the callback.
     """
@@ -227,7 +227,7 @@ READER_KEY = "occlog.reader"
 
 
 def check_common(ctx: click.Context) -> None:
-    """After a command: UsageError if a stated unit, origin or reader was not used."""
+    """UsageError, after a command, if a stated unit, origin or reader was not used."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None:
         reader.check_used()

@@ -315,7 +315,7 @@ class Explained(NamedTuple):
 
 
 def explain(error: Exception) -> Explained:
-    """Convert the error that ends a command to a line and an exit code."""
+    """Return line, exit code and id of the error that ends a command."""
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "occlog"
         message = error.format_message().rstrip(".")
@@ -354,7 +354,7 @@ def _id_of(error: click.UsageError) -> str:
 
 
 def _bug(error: Exception) -> str:
-    """Report of an unexpected error: kind, location, and data for a bug report."""
+    """Return the report of an unexpected error: kind, location, and data for a bug report."""
     import traceback
 
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]

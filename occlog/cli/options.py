@@ -144,7 +144,7 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 
 def parse_window(seconds: float) -> int:
-    """Window [ns] from seconds; UsageError unless finite and in the range of times."""
+    """Return a duration [ns] from seconds; UsageError unless finite and in the range of times."""
     return round(parse_seconds("--window", seconds) * 1e9)
 
 

@@ -116,7 +116,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[st
 
 
 def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
-    """Variant of one kind of request: its fields in addition to the shared ones."""
+    """Return the variant of a command for one kind of request, with the fields that are not shared by all kinds."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
     @cache
@@ -137,7 +137,7 @@ def _settings_of(form: Form, group: str) -> type[Settings]:
 
 
 def _do_chosen(verb: Verb, /, **values: Any) -> int:
-    """Callback that runs the kind of request chosen by the arguments."""
+    """Run the kind of request that the arguments choose, and return the exit code: callback of the command."""
     name = click.get_current_context().meta[CHOSEN]
     kind = verb.kind(name)
     assert kind is not None  # checked when the command was parsed

@@ -86,7 +86,7 @@ class SettingOption(click.Option):
         )
 
     def default_text(self, value: Any) -> Any:
-        """Convert an option value to a value of the setting, in its own unit."""
+        """Return an option value as a value of the setting, in its own unit."""
         return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:
@@ -215,7 +215,7 @@ def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str
 
 
 def in_own_unit(value: Any, spec: Declaration) -> Any:
-    """Convert an option value to the setting's unit."""
+    """Return an option value as a value of the setting: times `spec.scale`, or the names of a repeated option."""
     if spec.repeat:
         texts = () if spec.whole else (text for text in value if isinstance(text, str))
         return tuple(name for text in texts for name in listed(text)) or tuple(value)
@@ -229,7 +229,7 @@ def flag_of(settings: type[Settings], name: str) -> str:
 
 
 def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Name and description of each setting without an option, for --help."""
+    """Return name and description of each setting without an option, for --help; `without`: names left out."""
     rows = []
     for f in declared(settings):
         spec = declaration(f)
@@ -316,7 +316,7 @@ class SettingsCommand(click.Command):
                 raise self.refused(ctx, error) from error
 
     def refused(self, ctx: click.Context, error: SettingError) -> click.UsageError:
-        """The error with the option that the user typed, or with the setting's name."""
+        """Return the usage error for a SettingError, with the option that the user typed, or the setting's name."""
         limit = f"must be {error.limit}"
         for param in self.get_params(ctx):
             about = param.is_of(error) if isinstance(param, SettingOption) else param.name == error.setting
@@ -404,7 +404,7 @@ class VariantCommand(SettingsCommand):
         return left
 
     def _refusal(self, error: click.NoSuchOption, name: str) -> str:
-        """Error for an option of other variants, with the remedy; click's own error if no variant has it."""
+        """Return the message on an option of other variants than `name`, with the remedy; click's if none has it."""
         owners = [
             other
             for other, variant in self.variants.items()
@@ -468,7 +468,7 @@ class VariantCommand(SettingsCommand):
 
 
 def _texts_of_set(ctx: click.Context) -> Sequence[str]:
-    """Values of --set, NAME=VALUE each; empty for commands without it."""
+    """Return the texts NAME=VALUE of --set; empty for commands without it."""
     there = any(SET in param.opts for param in ctx.command.params)
     return ctx.params.get("settings", ()) if there else ()
 
@@ -584,7 +584,7 @@ def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[Set
 
 
 def chosen_in(ctx: click.Context, values: Mapping[str, object]) -> tuple[Chosen, ...]:
-    """Plug-ins named in the arguments, with their settings from the option values."""
+    """Return the plug-ins named in the arguments, with their settings from the option values."""
     plugins: dict[Plugin, list[SettingOption]] = ctx.meta.get(CHOSEN_PLUGINS, {})
     out = []
     for plugin, options in plugins.items():

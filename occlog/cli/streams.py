@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class ReaderGoneError(OcclogError):
-    """The reader of standard output has closed it."""
+    """Raised if the program that reads standard output has closed it."""
 
     exit_code = ExitCode.PIPE
 
@@ -51,7 +51,7 @@ class _Text(io.TextIOWrapper):
     bars = False
 
     def write(self, text: str, /) -> int:
-        """Write a text; a byte that is not UTF-8 is written as an escape."""
+        """Write a text, and return the number of its characters; a byte that is not UTF-8 is written as an escape."""
         super().write(escaped(text, bars=self.bars))
         return len(text)
 

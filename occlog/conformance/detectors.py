@@ -19,7 +19,7 @@ SIZE = (120, 160)
 
 
 def image(k: int, size: tuple[int, int] = SIZE) -> Image:
-    """The k-th image of a film: two bright figures walk through a grey room with noise."""
+    """Return the image k of a film, (height, width, 3): two bright figures walk through a grey room with noise."""
     high, wide = size
     rng = np.random.default_rng(k)
     out = rng.normal(60.0, 3.0, (high, wide, 3))
@@ -69,7 +69,10 @@ def use(of: Any) -> list[tuple[bytes, ...]]:
 
 
 def _refuse(of: Any, *starts: str, rest: bool = False) -> None:
-    """BrokenError where something of that kind is wrong; with `rest`, anything else."""
+    """BrokenError if what the detector returns has a fault that begins with one of these texts.
+
+    `rest`: if it has a fault that begins with none of them.
+    """
     try:
         own = start(of)
         found = [own.detect(image(k)) for k in range(4)]
@@ -102,7 +105,7 @@ def check_scores(of: Any) -> None:
 
 
 def check_inside(of: Any) -> None:
-    """Boxes meet the image: edges are pixels of the image that is given, not shares or another size."""
+    """Check that boxes meet the image: edges are pixels of the image that is given, not shares or another size."""
     high, wide = SIZE
     for each in film(of, (image(k) for k in range(4))):
         for left, top, width, height in np.asarray(each.boxes, dtype=np.float64).reshape(-1, 4).tolist():
@@ -114,7 +117,7 @@ def check_inside(of: Any) -> None:
 
 
 def check_embeddings(of: Any) -> None:
-    """Embeddings are of one length in all images."""
+    """Check that embeddings are of one length in all images."""
     found = film(of, (image(k) for k in range(4)))
     without_embeddings = {each.embeddings is None for each in found}
     lengths = {np.shape(each.embeddings)[1] for each in found if each.embeddings is not None and len(each.boxes)}
@@ -125,7 +128,7 @@ def check_embeddings(of: Any) -> None:
 
 
 def check_independent(of: Any) -> None:
-    """A detector does not know of other cameras."""
+    """Check that detectors of several cameras do not influence each other."""
     alone = film(of, (image(k) for k in range(4)))
     with called("a new detector"):
         first, second = start(of), start(of)
@@ -174,19 +177,19 @@ def check_strided(of: Any) -> None:
 
 
 def check_empty(of: Any) -> None:
-    """Check images of one colour, in which no person is present."""
+    """Check that a detector accepts images of one colour, in which no person is present."""
     for value in (0, 128, 255):
         film(of, [np.full((*SIZE, 3), value, dtype=np.uint8)], f"an image of the colour {value}: detect")
 
 
 def check_noise(of: Any) -> None:
-    """Images of noise are no reason to fail."""
+    """Check that a detector accepts images of noise."""
     rng = np.random.default_rng(9)
     film(of, [rng.integers(0, 256, (*SIZE, 3)).astype(np.uint8)], "an image of noise: detect")
 
 
 def check_small(of: Any) -> None:
-    """Images may be small, and of any shape."""
+    """Check that a detector accepts small images of any shape."""
     for size in ((16, 24), (241, 63)):
         film(of, [image(0, size)], f"an image of {size[1]} x {size[0]} px: detect")
 

@@ -21,7 +21,7 @@ GROWTH_BYTES = 2_000
 
 
 def taken(of: Any) -> Iterator[ColumnTable]:
-    """A sample of each table that an exporter takes."""
+    """Generate a sample of each table that an exporter takes."""
     yield from (SAMPLES[name]() for name in of.tables if name in SAMPLES)
 
 
@@ -51,7 +51,7 @@ def use(of: Any) -> list[bytes]:
 
 
 def check_tables(of: Any) -> None:
-    """Tables are names of this program's, and a sample of one is here."""
+    """Check that the tables which the exporter takes are occlog's, and there is a sample of one of them."""
     if not isinstance(of.tables, tuple) or not of.tables:
         raise BrokenError("tables must be a tuple of names, as ('tracks',)")
     for name in of.tables:
@@ -108,7 +108,7 @@ def check_absent_values(of: Any) -> None:
 
 
 def check_names(of: Any) -> None:
-    """Names of sensors may have blanks, marks and any letters."""
+    """Check that an exporter accepts names of sensors with blanks, marks and any letters."""
     for rows in taken(of):
         if hasattr(rows, "sensor"):
             write(of, with_names(rows, 'Tür 2, "süd"; ☂'), f"writing {rows.NAME} of a sensor with marks in its name")

@@ -21,7 +21,7 @@ from occlog.settings import Settings
 
 
 class Fault(NamedTuple):
-    """A promise that is broken: which, and how."""
+    """Promise that a plug-in breaks: name of the check, and a sentence on how."""
 
     check: str
     sentence: str
@@ -50,7 +50,7 @@ def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
 
 
 def words(error: BaseException) -> str:
-    """Type and message of an error in one line."""
+    """Return type and message of an error in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
 
 

@@ -168,7 +168,7 @@ def check_shift(of: Any) -> None:
 
 
 def check_unit(of: Any) -> None:
-    """Lengths can be in centimetres; those of figures are then, too."""
+    """Check that figures in lengths grow by the unit if tracks and truth are in centimetres, and others stay."""
     _alike(of, compared(scale=100.0, unit="cm"), "in centimetres", 100.0)
 
 

@@ -44,7 +44,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
         return as_text({name: np.asarray(values) for name, values in read(of, path).items()})
 
     def check_endings(of: Any) -> None:
-        """Endings begin with a point, are in lower case, and the sample has one of them."""
+        """Check that endings begin with a point, are in lower case, and the sample has one of them."""
         endings = of.endings
         if not isinstance(endings, tuple) or not endings:
             raise BrokenError("endings must be a tuple of texts, as ('.xyz',)")
@@ -97,7 +97,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError(f"column {left[0]} is none of {of.table}; leave it out, or name it as the table does")
 
     def check_place(of: Any) -> None:
-        """The name and the folder of a file do not matter."""
+        """Check that the result does not depend on name and folder of the file."""
         with TemporaryDirectory() as other:
             path = Path(other) / f"ein Ort, naïve'{sample.suffix}"
             shutil.copy(sample, path)

@@ -37,7 +37,7 @@ def _places(target: Any, seconds: Any) -> Any:
 
 
 def _rows(table: type[T], **values: Any) -> T:
-    """A table, NaN or empty in the columns that are not given."""
+    """Return a table with these columns; others are NaN, empty or 0."""
     count = len(values["t_ns"])
     for c in table.columns():
         if c.name not in values and not c.optional:
@@ -192,7 +192,7 @@ SAMPLES: dict[str, Callable[[], ColumnTable]] = {
 
 
 def with_gaps(rows: T) -> T:
-    """The rows with NaN in every column of numbers that may have it."""
+    """Return a copy of the rows with NaN in every column of numbers that may have it."""
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     for c in rows.columns():
         if c.nan is not None and c.dtype.kind == "f" and rows.NAME != "boxes":
@@ -205,7 +205,7 @@ def with_gaps(rows: T) -> T:
 
 
 def moved(rows: T, row: int) -> T:
-    """The rows, one of which measured something else."""
+    """Return a copy of the rows, in which row `row` has other measured values."""
     columns = {c.name: np.array(getattr(rows, c.name)) for c in rows.columns()}
     for c in rows.columns():
         if c.unit in ("m", "px", "rad") and not c.width:
@@ -214,7 +214,7 @@ def moved(rows: T, row: int) -> T:
 
 
 def with_names(rows: T, name: str) -> T:
-    """The rows of a sensor of another name."""
+    """Return a copy of the rows, all of a sensor with this name."""
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     return type(rows).of(**{**columns, "sensor": np.full(len(rows), name)})
 
@@ -239,15 +239,15 @@ WALK_STEPS = 40
 
 @dataclass(frozen=True)
 class SampleWalk:
-    """A walk, seen by sensors; as it is, all of them see the target at all times.
+    """Walk of one target past sensors; by default all of them see it at all times.
 
     Attributes:
-        n_steps: how many.
-        start_ns: time of the first.
-        sensors: positions in `NAMES` of the sensors that observe, in the order of rows.
-        turn: the world is turned by this angle about its origin [rad].
-        shift: and then shifted.
-        scale: and its unit of length is 1/scale metres.
+        n_steps: number of time steps.
+        start_ns: time of the first [ns].
+        sensors: indices in `NAMES` of the sensors that observe, in the order of rows.
+        turn: angle by which the world is turned about its origin [rad].
+        shift: (2,) by which it is shifted then [m].
+        scale: units of length per metre.
     """
 
     n_steps: int = WALK_STEPS
@@ -276,7 +276,7 @@ class SampleWalk:
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
 
     def __iter__(self) -> Iterator[TargetScan]:
-        """The time steps, made one after the other; errors of a sensor are the same whichever others observe."""
+        """Generate the scans of the time steps; errors of a sensor do not depend on which others observe."""
         noise = np.random.default_rng(5)
         positions, own = self.at(PLACES), list(self.sensors)
         for n, xy in enumerate(self.truth):
@@ -297,7 +297,7 @@ FEW = replace(PLAIN, n_steps=12)
 
 
 def blind(scan: TargetScan) -> TargetScan:
-    """The time step in which all sensors have a frame and none detects the target."""
+    """Return the scan with a frame of all its sensors, and no detection (NaN)."""
     unknown = np.full(len(scan.bearings), np.nan)
     return scan._replace(bearings=unknown, sigma=unknown.copy())
 

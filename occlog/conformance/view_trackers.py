@@ -23,7 +23,7 @@ GROWTH_BYTES = 300
 
 
 def edges(k: int) -> Floats:
-    """(2, 4) boxes of the k-th frame: two people who walk side by side, never near each other."""
+    """Return the boxes (2, 4) of frame k [px]: two people who walk side by side, never near each other."""
     rng = np.random.default_rng(k)
     way = float(k % 400) if k % 800 < 400 else 400.0 - k % 400
     boxes = np.array([[100.0 + 2.0 * way, 200.0, 60.0, 160.0], [100.0 + 2.0 * way, 600.0, 70.0, 180.0]])
@@ -148,7 +148,7 @@ def check_newcomer(of: Any) -> None:
 
 
 def check_order(of: Any) -> None:
-    """The order of the boxes does not matter."""
+    """Check that identities do not depend on the order of the boxes."""
     plain = _renamed(run(of, walk()))
     turned = run(of, [each._replace(boxes=each.boxes[:: 1 - each.frame % 2 * 2].copy()) for each in walk()])
     back = _renamed(ids[:: 1 - k % 2 * 2] for k, ids in enumerate(turned))
@@ -157,7 +157,7 @@ def check_order(of: Any) -> None:
 
 
 def check_independent(of: Any) -> None:
-    """A tracker does not know of other cameras."""
+    """Check that trackers of several cameras do not influence each other."""
     alone, first, second = run(of, walk(15)), start(of), start(of)
     both = []
     for each in walk(15):
@@ -191,7 +191,7 @@ def check_results(of: Any) -> None:
 
 
 def check_memory(of: Any) -> None:
-    """Memory does not grow with the length of a recording."""
+    """Check that memory does not grow with the length of a recording."""
     own = start(of)
     grown = bytes_left((step(own, frame(n)) for n in range(400)), 200)
     if grown > GROWTH_BYTES:
@@ -242,7 +242,7 @@ def check_same_time(of: Any) -> None:
 
 
 def check_epoch(of: Any) -> None:
-    """Times can count from a recording's start, numbers of frames from anywhere."""
+    """Check that identities do not depend on the epoch of times, nor on the first frame number."""
     early = [each._replace(t_ns=each.t_ns - START_NS, frame=each.frame + 5000) for each in walk()]
     if _renamed(run(of, early)) != _renamed(run(of, walk())):
         raise BrokenError("times that begin at 0, or other numbers of frames, give other identities")

@@ -222,7 +222,7 @@ MIN_RESIDUAL_VARIANCE = 0.1
 
 
 class ResidualAngles(NamedTuple):
-    """Angular residuals of N bearings of one sensor at the estimates, with the variance due to these."""
+    """Angles between N bearings of one sensor and the estimates, with the variances due to sensor and estimates."""
 
     residual: Floats  # (N,) in standard deviations as stated
     spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
@@ -584,7 +584,7 @@ class ResidualStatistics:
         return Ratio(value, math.sqrt(math.fsum((a.nis.error * a.means.expected) ** 2 for a in informative)) / expected)
 
     def figures(self) -> dict[str, float | int]:
-        """Figures for a summary; empty if no bearing was compared."""
+        """Return the figures of a summary by name; empty if no bearing was compared."""
         if not self.bearings:
             return {}
         whole = self.nis

@@ -119,7 +119,7 @@ def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float)
 
 
 def covariances(tracks: Tracks) -> Floats:
-    """(N, 2, 2) position covariances of the rows of a table."""
+    """Return the position covariances (N, 2, 2) of the rows of a table."""
     return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
 
 
@@ -570,6 +570,11 @@ def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
 
 
 def _anywhere(met: BearingIntersection, test: Callable[[Floats], Bools]) -> Bools:
-    """(M,) whether a test of positions holds at the intersection or at any point of its error ellipse."""
+    """Return whether (M,) a test of positions holds at the intersection or anywhere on its error ellipse.
+
+    Args:
+        met: M intersections.
+        test: function of positions (n, 2) that returns a mask (n,).
+    """
     points = np.concatenate([met.xy[:, None], met.border], axis=1)
     return np.asarray(test(np.ascontiguousarray(points.reshape(-1, 2))).reshape(points.shape[:2]).any(axis=1))

@@ -200,9 +200,8 @@ class SystematicErrors:
     def _sizes(self, taken: Bools, noise: float) -> tuple[Floats, Floats]:
         """Return the sizes (2 S,) and standard errors (2 S,) of the candidate errors of S sensors.
 
-        Each is estimated jointly with the selected ones. Both are 0 for selected errors, and for those that the data do
-        not
-        determine.
+        Each is estimated jointly with the selected ones. Both are 0 for selected errors, and for those that the
+        data do not determine.
 
         Args:
             taken: (2 S,) mask of the selected errors.
@@ -226,7 +225,7 @@ class SystematicErrors:
         return size, error
 
     def _limit(self, k: int) -> float:
-        """Smallest size of error k to report, given the noise of the sensor's bearings and its stated pose errors."""
+        """Return the smallest size of error k to report, by the noise of the sensor's bearings and its pose errors."""
         S = len(self._sensors)
         n, sensor = k % S, list(self._sensors.values())[k % S]
         # Root mean square of the error's column: what a unit of it is in standard deviations

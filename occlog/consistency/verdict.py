@@ -182,15 +182,15 @@ class ConsistencyEvidence:
 
     @property
     def what(self) -> str:
-        """Name of the measurements that residuals are of, for messages."""
+        """Name of the measurements that residuals are of, such as `bearings`, for messages."""
         return "measurements" if self.distances else "bearings"
 
     def checks(self, *, one_target: bool, smoothed: bool = False) -> tuple[Check, ...]:
-        """All checks that the diagnostics and residuals allow, with their findings.
+        """Return all checks that the diagnostics and residuals allow, with their findings.
 
         Args:
-            one_target: candidates without a label are taken for one target's by the method.
-            smoothed: estimates were made from trajectories drawn backwards through the filter's particles.
+            one_target: the method takes candidates without a label for those of its one target.
+            smoothed: estimates are of trajectories that were drawn backwards through the filter's particles.
         """
         undiagnosed = "" if self.diagnosed else "there are no diagnostics"
         few, seen = f"fewer than {MIN_SAMPLES} {self.what} were judged", self.agreements.bearings

@@ -36,7 +36,7 @@ def write_line(text: str, stream: TextIO | None) -> None:
 
 
 def named(text: str) -> str:
-    """Replace paths of temporary files in a text by their aliases."""
+    """Return a text in which paths of temporary files are replaced by their aliases."""
     for path, name in ALIASES.items():
         text = text.replace(path, name)
     return text
@@ -160,7 +160,7 @@ def dry_run() -> Iterator[DryRunPlan]:
 
 
 def begin_work() -> None:
-    """Called after all checks, before work or writing begins; raises DryRunStop in a dry run."""
+    """Mark the end of all checks, before work or writing begins; raise DryRunStop in a dry run."""
     if DRY_RUN.get() is not None:
         raise DryRunStop
 

@@ -65,7 +65,7 @@ def _nested(value: object) -> TypeGuard[dict[object, object]]:
 
 
 def _in_words(figures: object) -> str:
-    """Format the figures of one of several items (a camera, for example)."""
+    """Return the figures of one of several items (a camera, for example) as text."""
     if not isinstance(figures, dict):
         return _shown(figures)
     return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
@@ -84,7 +84,7 @@ def _shown(value: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """Convert a value for JSON: paths as text, NaN as null."""
+    """Return a value for JSON: paths as text, NaN as null."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -95,7 +95,7 @@ def _plain(value: object) -> object:
 
 
 def plausible_in_words(summary: Mapping[str, object]) -> str:
-    """Format the verdict of a summary: yes, or no with the ids of its warnings by stage."""
+    """Return the verdict of a summary as text: yes, or no with the ids of its warnings by stage."""
     if summary["plausible"] is None:
         return "not known (no check could be made)"
     if summary["plausible"]:

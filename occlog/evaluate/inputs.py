@@ -132,7 +132,7 @@ def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: 
 
 
 def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None) -> Scene:
-    """Load the scene of `--scene` or of the recording.
+    """Return the scene of `--scene` or of the recording.
 
     Views, and tracks with a truth, can be compared without a scene, in the unit that they state, or in metres.
     """

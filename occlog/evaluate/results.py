@@ -30,15 +30,15 @@ class Evaluation:
     """Figures of an evaluation, and the tables behind them.
 
     Attributes:
-        metrics: flat; the unit is the end of the name.
+        metrics: figures by name, which ends in the unit.
         errors: of every estimate that has a truth.
         bound: posterior Cramer-Rao bound.
         failures: of trackers.
         counts: of targets and tracks on the ground, over time.
-        notes: lines that the user must know of.
+        notes: lines for the user.
         checks: checks of the tracks; None: no check was possible.
-        verdicts: that of this evaluation, after those of the stages before it.
-        plugged: names of the metrics that are of plug-ins.
+        verdicts: of this evaluation, after those of the stages before it.
+        plugged: names of the figures of plug-ins.
     """
 
     metrics: dict[str, float]

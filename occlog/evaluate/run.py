@@ -198,7 +198,7 @@ GATE_DEG = 10.0
 
 
 def kind_of_input(request: EvaluateRequest) -> str:
-    """Kind of input of a request: the first that fits."""
+    """Return the kind of input of a request: the first one whose inputs it names."""
     if request.truth_azimuths is not None:
         return AZIMUTHS
     if in_images(request.tracks):
@@ -422,7 +422,10 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
 
 
 def simulated(truth: Path | None) -> dict[str, float]:
-    """Process noise and diameter of moving objects from the provenance of a simulated truth."""
+    """Return process noise and diameter of moving objects from the provenance of a simulated truth, by setting.
+
+    Empty for another truth.
+    """
     # A table that counts frames has no recording, whatever their rate
     opened = None if truth is None else open_input(truth, fps=Fraction(1))
     if opened is None or opened.recording is None or opened.provenance.command != "simulate":

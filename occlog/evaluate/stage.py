@@ -426,7 +426,7 @@ def full_name(plugin: str, figure: str, unit: str, length_unit: str) -> str:
 
 
 def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
-    """Full names of all figures of plug-ins, in any length unit."""
+    """Return the full names of all figures of the chosen metric plug-ins, in any length unit."""
     lengths = (*METRES, "unit")
     return {
         full_name(each.plugin.name, name, unit, length)

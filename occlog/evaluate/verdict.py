@@ -135,7 +135,7 @@ def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, o
 
 
 def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
-    """Errors of tracks while they are on their assigned target.
+    """Return the errors of tracks while they are on their assigned target.
 
     After an identity switch, the distance to the assigned target says nothing about covariances.
     """

@@ -55,7 +55,7 @@ def run_filter(
     dt: float,
     keep: int,
 ) -> tuple[Floats, Floats]:
-    """Filter errors at the last steps of each path.
+    """Compute filter errors at the last steps of each of N paths of T steps.
 
     Args:
         ways: (N, T, 2) positions of targets.
@@ -225,10 +225,15 @@ def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
 
 @kernel
 def _update_into(row: Floats, information: Floats, work: Floats) -> float:
-    """Update a hypothesis by a measurement; return its log likelihood up to a common constant.
+    """Update a hypothesis by a measurement, in place; return its log likelihood up to a common constant.
 
     With M = 1 + I P_xx: gain W = P_x M^-1 for the report minus I x, G = W I for the position; the filter covariance
     becomes P - G P_x^T, the actual one (1 - G H) R (1 - G H)^T + W I W^T.
+
+    Args:
+        row: (`WIDTH`,) the hypothesis.
+        information: (7,) xx, xy, yy of the information I, the position, and the noise.
+        work: (4, 8) buffer for gains.
     """
     xx, xy, yy = information[0], information[1], information[2]
     p, q, r = row[FILTER_COVARIANCE], row[FILTER_COVARIANCE + 1], row[FILTER_COVARIANCE + 4]
@@ -349,16 +354,16 @@ def errors_along(
     dt: float,
     keep: int = 1,
 ) -> ExpectedPosteriors:
-    """Filter errors for measurements of targets along their paths, at the last `keep` steps.
+    """Return filter errors for measurements of N targets along their paths, at the last `keep` steps.
 
     Args:
         ways: (N, T, 2) positions.
-        reports: their measurement information.
-        start: (2,) mean and (2, 2) covariance of the position where nothing was seen yet.
+        reports: measurement information.
+        start: (2,) mean and (2, 2) covariance of the position before any measurement.
         motion: of the targets.
-        belief: of the filter.
-        dt: between steps [s].
-        keep: 1 to T.
+        belief: process noise that the filter assumes.
+        dt: time between steps [s].
+        keep: number of steps, 1 to T.
     """
     fresh = max(0.5 * motion.speed**2, MIN_VELOCITY_VARIANCE)
     position, spread = run_filter(
@@ -390,14 +395,14 @@ def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoi
 
 
 def square_error_in_room(covariance: Floats, at: Floats, floor: Floats, size: Floats) -> Floats:
-    """Mean square error if the filter knows that the target is on the floor: of a truncated normal.
+    """Return the mean square error (N,) if the filter knows that the target is on the floor: of a truncated normal.
 
     Computed by summation over cells of the floor; a normal narrower than a cell is unchanged.
 
     Args:
         covariance: (N, 2, 2) of positions, positive definite.
         at: (N, 2) their means.
-        floor: (C, 2) middles of the cells of the floor.
+        floor: (C, 2) centres of the cells of the floor.
         size: (2,) sides of a cell.
 
     Returns:

@@ -43,7 +43,7 @@ class MapPicture(NamedTuple):
 
 
 def map_picture(what: MapPicture, suffix: str) -> bytes:
-    """Draw the picture as PNG or SVG, by suffix."""
+    """Return the picture of the maps as PNG or SVG, by `suffix` (`.png`, `.svg`)."""
     with house_style():
         figure = new_figure(*size_of(what))
         draw_maps(figure, what)
@@ -57,7 +57,7 @@ def _svg(figure: Figure) -> bytes:
 
 
 def size_of(what: MapPicture) -> tuple[float, float]:
-    """Width and height of the maps [inches], with the aspect ratio of the room."""
+    """Return width and height of the maps [inches], with the aspect ratio of the room."""
     extent = np.diff(_limits(what), axis=0)[0]
     return WIDTH, float(np.clip(0.44 * WIDTH * extent[1] / extent[0] + 1.9, 3.4, 9.0))
 
@@ -126,7 +126,7 @@ def _outline(axes: Axes, what: MapPicture, good: Bools) -> None:
 
 
 def _limits(what: MapPicture) -> Floats:
-    """(2, 2) lower and upper corners of the bounding box of room and sensors."""
+    """Return the corners (2, 2), low and high, of the bounding box of room and sensors."""
     assert what.scene.room is not None
     sensors = [sensor.position[None, :2] for sensor in (*what.scene.cameras, *what.scene.arrays, *what.added)]
     points = np.vstack([what.scene.room, *sensors])

@@ -141,7 +141,7 @@ def _perimeter(room: Floats) -> float:
 
 
 def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss, ...]]:
-    """(P, 2) positions of people, in the scene's unit, and the losses of their input."""
+    """Return positions (P, 2) of people, in the scene's unit (None without a path), and the losses of their input."""
     if path is None:
         return None, ()
     opened = open_input(path, Tracks, Truth)

@@ -190,7 +190,7 @@ def plan_map(planned: PreparedPlan) -> PlanMap:
 
 
 def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
-    """(C,) probabilities that no sensor, and that exactly one, reports a target arriving at a cell."""
+    """Return the probabilities (C,) that no sensor, and (C,) that exactly one, reports a target arriving at a cell."""
     count, walked = len(planned.cells.xy), planned.walked
     still = paths_through_cells(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
     none, one = np.ones(len(still.own)), np.zeros(len(still.own))
@@ -201,7 +201,7 @@ def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
 
 
 def area_share_below(table: PlanMap, limit: float) -> float:
-    """Weighted share of the floor with an expected error below a limit."""
+    """Return the weighted share of the floor, 0 to 1, with an expected error below a limit [length]."""
     return float(table.weight[table.rmse < limit].sum())
 
 

@@ -106,7 +106,7 @@ def _numbers(low: Floats, high: Floats, size: float) -> Ints:
 
 
 def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
-    """Simulate positions (K, n, 2) of all people, the target among them, K steps of `dt`.
+    """Simulate positions (K, n, 2) of n people, the target among them, in K steps of `dt` [s].
 
     `WALKED` steps of all people have at least `steps` - 1 steps before them.
 
@@ -222,14 +222,15 @@ def moments_of(people: Floats, dt: float) -> Motion:
 
 
 def _agreement(steps: Floats, lag: int) -> float:
-    """Mean inner product of steps at a lag."""
+    """Return the mean inner product of steps (K, n, 2) of a walk and those `lag` steps later."""
     return float(np.mean(np.einsum("tni,tni->tn", steps[: len(steps) - lag], steps[lag:])))
 
 
 def _half(steps: Floats, whole: float) -> float:
-    """Number of steps after lag 1 at which the correlation is half of `whole`, interpolated between two lags.
+    """Return the number of steps after lag 1 at which the correlation of `steps` (K, n, 2) is half of `whole`.
 
-    Found by doubling and bisection; extrapolated from the longest lag if the walk is too short.
+    Found by doubling and bisection, and interpolated between two lags; extrapolated from the longest lag if the walk is
+    too short.
     """
     low, at_low, high, longest = 1, whole, 2, len(steps) - 1
     while (at_high := _agreement(steps, min(high, longest))) > 0.5 * whole:

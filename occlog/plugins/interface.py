@@ -50,7 +50,7 @@ class Detector(Protocol):
         """Create a detector that has seen no image yet; `rng` is the source of all its random numbers."""
 
     def detect(self, image: Image) -> Detected:
-        """Find people in an image (height, width, 3), BGR, uint8; images come in the order of time."""
+        """Return the boxes of people in an image (height, width, 3), BGR, uint8; images come in the order of time."""
 
 
 class ExportContext(NamedTuple):
@@ -76,7 +76,10 @@ class Exporter(Protocol):
         """Create an exporter that has written nothing yet; one object may write several files."""
 
     def write(self, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
-        """Write all rows; the file can only be written on, may be standard output, and is closed by who opened it."""
+        """Write all rows to a file that can only be written on, may be standard output, and is closed by its opener.
+
+        `world`: unit and scene of the rows.
+        """
 
 
 class TargetScan(NamedTuple):
@@ -124,7 +127,7 @@ class Filter(Protocol):
         """Create a filter that knows nothing of the target yet; `rng` is the source of all its random numbers."""
 
     def step(self, scan: TargetScan) -> EstimatedPosition | None:
-        """Take a time step in; where the target is then, or None where that is not known yet."""
+        """Update the filter with a scan; return the target's position at its time, or None if that is not known yet."""
 
 
 class MetricInput(NamedTuple):
@@ -154,7 +157,7 @@ class Metric(Protocol):
         """Create a metric; one object may compare several times, without memory of earlier comparisons."""
 
     def figures(self, compared: MetricInput) -> Mapping[str, float]:
-        """Give all figures by their names; NaN: there is nothing to compute it from."""
+        """Return all figures of a comparison by name; NaN: there is nothing to compute one from."""
 
 
 Columns = Mapping[str, ArrayLike]
@@ -176,7 +179,7 @@ class Reader(Protocol):
         """Create a reader that has not read anything."""
 
     def read(self, path: Path) -> Columns:
-        """Read a file; ValueError, which describes the fault and where, for one that is damaged."""
+        """Return the columns of a file; ValueError, which describes the fault and where, for a damaged one."""
 
 
 class BoxesInFrame(NamedTuple):
@@ -210,7 +213,10 @@ class ViewTracker(Protocol):
         """Create a tracker without tracked objects; `rng` is the source of all its random numbers."""
 
     def step(self, found: BoxesInFrame) -> Ints:
-        """Give the (N,) identities of the boxes, from 0 and each once; -1 for a box without an identity (yet)."""
+        """Update the tracker with the boxes of a frame, and return their identities (N,).
+
+        From 0, each once; -1: a box without an identity (yet).
+        """
 
 
 __all__ = [

@@ -224,7 +224,7 @@ def _boxes(table: Views | TruthBoxes) -> Floats:
 
 
 def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]:
-    """Sensor and time of every frame, with its rows."""
+    """Generate (sensor, time [ns]) of every frame of a table, with its rows."""
     order = np.lexsort((table.t_ns, table.sensor))
     t_ns, sensor = table.t_ns[order], table.sensor[order]
     change = (t_ns[1:] != t_ns[:-1]) | (sensor[1:] != sensor[:-1])
@@ -289,7 +289,7 @@ class RegionFigures:
 
 
 def _first(table: Views | TruthBoxes) -> tuple[str, int] | None:
-    """Sensor and time of the first row; None without rows."""
+    """Return sensor and time [ns] of the first row; None without rows."""
     return (str(table.sensor[0]), int(table.t_ns[0])) if len(table) else None
 
 
@@ -341,7 +341,7 @@ class _Results:
 
 
 class Pairing(NamedTuple):
-    """A set of directions paired with the true directions of its time."""
+    """Set of directions paired with the true directions of its time: numbers of both, and errors of the pairs."""
 
     true: int  # number of true directions
     found: int
@@ -445,7 +445,7 @@ def _spread(errors: Floats, gate: float) -> dict[str, float]:
 
 
 def _quantiles(errors: Floats) -> dict[str, float]:
-    """Statistics of the absolute errors of all pairs [deg]."""
+    """Return statistics of the absolute errors (n,) of all pairs [deg], by name."""
     if not len(errors):
         return dict.fromkeys(("error_median_deg", "error_p90_deg", "error_max_deg"), np.nan)
     size = np.degrees(np.abs(errors))

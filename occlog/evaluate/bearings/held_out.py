@@ -110,7 +110,7 @@ class HeldOutFigures:
                     aside.add(frames, *_expect(sensor, frames, paths.get(target), self._config))
 
     def result(self) -> Metrics:
-        """All figures.
+        """Return all figures by name.
 
         Raises:
             InputError: no bearing is of a sensor that is held out.
@@ -198,7 +198,10 @@ class _SpilledFrames:
                     yield shift == 0, self._nearest(start, stop, at + start - begin)
 
     def _nearest(self, start: int, stop: int, at: int) -> HeldOutResiduals:
-        """Residuals of the bearings, in frames from `at` on, nearest to the predictions of frames start to stop."""
+        """Return the residuals of the bearings nearest to the predictions of frames `start` to `stop`.
+
+        `at`: first of the frames with which they are paired; `start` pairs each with its own.
+        """
         own = self._frames.rows(start, stop)
         usable = own["usable"]
         own, theirs = own[usable], self._frames.rows(at, at + stop - start)[usable]
@@ -349,7 +352,7 @@ def frames_of_boxes(boxes: Boxes | Views, camera: str) -> BoxFrames:
 
 
 def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
-    """All tracks, with a default height for those without one."""
+    """Return all tracks with heights; `height`: that of tracks without one, in the scene's unit."""
     out = []
     for label in np.unique(tracks.target_id).tolist():
         own = tracks.take(tracks.target_id == label)
@@ -406,7 +409,7 @@ def project(camera: Camera, state: Floats, share: float) -> Floats:
 
 
 def _in_image(camera: Camera, pixels: Floats) -> Bools:
-    """(K,) mask of pixels in the image; without an image size, of those in front of the camera."""
+    """Return the mask (K,) of `pixels` (K, 2) in the image; without an image size, of those in front of the camera."""
     known: Bools = np.isfinite(pixels[:, 0]) & np.isfinite(pixels[:, 1])
     if camera.image_size is None:
         return known

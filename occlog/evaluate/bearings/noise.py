@@ -74,11 +74,11 @@ class ScanCuts:
         self._held: dict[int, Bearings] = {}
 
     def update(self, rows: Bearings, end_ns: int) -> Iterator[Scans]:
-        """Return the complete scans of each target.
+        """Generate the scans that further rows complete, by target.
 
         Args:
-            rows: some more, which end between two times; see `labelled`.
-            end_ns: no later row is before this time; `LAST`: missing.
+            rows: next rows (see `labelled`), which follow those before in time.
+            end_ns: no later row is before this time [ns]; `LAST`: no row follows.
         """
         held, self._held = self._held, {}
         for target in np.union1d(np.unique(rows.target_id), list(held)).astype(np.int64).tolist():
@@ -95,7 +95,7 @@ class ScanCuts:
 
 
 def scan_starts(rows: Bearings, window_ns: int) -> Ints:
-    """First row of each scan, then the number of rows.
+    """Return the first row of each scan (S + 1,), then the number of rows.
 
     A scan lasts at most `window_ns` after its first row and holds each sensor at most once.
     """
@@ -168,12 +168,12 @@ class NoiseFigures:
 
 
 def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> float:
-    """Factor on the stated standard deviations; NaN with fewer than `MIN_SCANS` scans.
+    """Return the factor on the stated standard deviations; NaN with fewer than `MIN_SCANS` scans.
 
     Args:
         squares: (S,) sums of squared residuals over stated variances.
-        degrees: (S,) of freedom, >= 1.
-        near: it is near to this, as that of most of the scans is; None: nothing is known.
+        degrees: (S,) their degrees of freedom, >= 1.
+        near: factor known from most of the scans, to which it is near; None: unknown.
     """
     if len(squares) < MIN_SCANS:
         return float("nan")
@@ -181,7 +181,7 @@ def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> fl
 
 
 def _points(degrees: Floats | Ints, chance: float) -> Floats:
-    """(S,) upper quantile of chi-square with the given degrees of freedom: exceeded with probability `chance`."""
+    """Return the upper quantiles (S,) of chi-square with `degrees` (S,) of freedom, exceeded with the `chance`."""
     most = int(degrees.max(initial=1))
     return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
@@ -189,12 +189,12 @@ def _points(degrees: Floats | Ints, chance: float) -> Floats:
 def noise_scale_of_many(
     blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, near: float | None = None
 ) -> float:
-    """`noise_scale` of numbers that are generated in blocks.
+    """Return the factor on the stated standard deviations (`noise_scale`) of numbers that are generated in blocks.
 
     Args:
-        blocks: gives squares and degrees of freedom, the same every time.
-        count: how many there are, at least `MIN_SCANS`.
-        near: as there.
+        blocks: generates squares and degrees of freedom, equal at each call.
+        count: number of them, at least `MIN_SCANS`.
+        near: factor known from most of the scans; None: unknown.
     """
 
     def shares() -> Iterator[tuple[Ints, Floats]]:
@@ -388,10 +388,10 @@ class NoiseFromTruth:
             self._residuals[name].add(own.residual_px[use][order])
 
     def noise(self) -> dict[str, MeasuredNoise]:
-        """The noise of every camera with enough readings.
+        """Return the noise of every camera with enough readings, by name.
 
         Raises:
-            InputError: none has them.
+            InputError: no camera has them.
         """
         out = {}
         for name, residuals in self._residuals.items():
@@ -409,7 +409,7 @@ class NoiseFromTruth:
 
 
 def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
-    """The scene with measured noise, and no pose errors, of the cameras that have a measurement."""
+    """Return the scene with the measured noise, and no pose errors, of the cameras in `noise`."""
     cameras = [
         replace(c, sigma_read_px=noise[c.name].sigma, sigma_position=0.0, sigma_yaw=0.0) if c.name in noise else c
         for c in scene.cameras

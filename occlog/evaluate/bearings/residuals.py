@@ -278,13 +278,13 @@ class AgainstBearings:
             self._bound.update(counted, self._sensors, errors, late, targets, measured)
 
     def _tracks_about(self, part: EvaluationChunk) -> Mapping[int, ObjectPath]:
-        """Tracks around the scans that end in a section (they may have begun before it)."""
+        """Return the tracks around the scans that end in a section (they may have begun before it), by label."""
         if self._meeting is None:
             return {}
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
     def _true_paths(self, part: EvaluationChunk) -> tuple[dict[int, ObjectPath], dict[int, ObjectPath]]:
-        """Paths of targets and of moving occluders; positions far away may be approximate."""
+        """Return the paths of targets and of moving occluders by label; positions far off in time are approximate."""
         around = self._around_ns
         near = part.limits.about(part.sides[1], around)
         limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)
@@ -323,7 +323,7 @@ class AgainstBearings:
         return 0 if self._bound is None else self._bound.rows
 
     def against_truth(self) -> Metrics:
-        """Figures of detections and of the bound; empty without truth."""
+        """Return the figures of detections and of the bound by name; empty without truth."""
         if self._bound is None:
             return {}
         metrics: Metrics = {}
@@ -332,7 +332,7 @@ class AgainstBearings:
         return metrics | self._bound.result(self._scene.length_unit)
 
     def settled_bound(self) -> Metrics:
-        """Figures of the bound after the transient; empty without a bound."""
+        """Figures of the bound after the transient, by name; empty without a bound."""
         return self._bound.result(self._scene.length_unit, late=True) if self._bound and self._bound.rows else {}
 
     def noise(self) -> Metrics:

@@ -118,7 +118,7 @@ def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
 
 
 def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list[dict[str, ComparedRun]]]:
-    """Recordings common to all methods, and the runs of each method.
+    """Return the names of the recordings common to all methods, and for each method its run by recording.
 
     Raises:
         InputError: they have none in common, or some lack one that others have.
@@ -147,7 +147,7 @@ CONDITION = re.compile(r"\s*(\w+)\s+worse(?:\s+by\s+(\S+))?\s*")
 
 
 def parse_condition(condition: str) -> Condition:
-    """A condition such as `idf1 worse by 0.01`; UsageError for any other text."""
+    """Return the condition in a text such as `idf1 worse by 0.01`; UsageError for any other text."""
     found = CONDITION.fullmatch(condition)
     try:
         margin = float(found[2] or 0.0) if found else np.nan
@@ -250,7 +250,7 @@ def compare_runs(
 
 
 def _unit(runs: Sequence[ComparedRun]) -> str:
-    """Length unit of all tracks and truths; InputError if they differ."""
+    """Return the length unit of all tracks and truths; InputError if they differ."""
     tracks = [open_input(run.tracks) for run in runs]
     truths = [open_input(path) for path in dict.fromkeys(run.truth for run in runs)]
     unit, source = common_unit([*tracks, *truths])
@@ -306,7 +306,7 @@ def _same(a: Truth, b: Truth) -> bool:
 
 
 def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
-    """p-values after Holm's correction; undecided comparisons are not counted."""
+    """Return the p-values by (method, figure) after Holm's correction; undecided comparisons (NaN) do not count."""
     known = sorted((value, key) for key, value in p.items() if np.isfinite(value))
     out, most = dict.fromkeys(p, float("nan")), 0.0
     for k, (value, key) in enumerate(known):
@@ -332,7 +332,7 @@ def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> st
 
 
 def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
-    """Message for a condition that is met; "" if it is not.
+    """Return the message for a condition that a row meets; empty if it does not.
 
     The probability that any of `later` methods fails without being worse is at most `ALPHA` (Bonferroni).
     """

@@ -84,7 +84,7 @@ LEVEL = "p has all rows together in view (Holm); a verdict needs p < 0.05"
 
 
 def rows_of(found: MetricComparison, method: int) -> list[tuple[str, ...]]:
-    """Table cells of one method's rows, numbers as text."""
+    """Return the cells of the table rows of the method with this index, numbers as text."""
     return [_cells(row) for row in found.rows if row.method == method]
 
 
@@ -107,7 +107,7 @@ def table(found: MetricComparison, methods: Sequence[Path]) -> str:
 
 
 def basis(found: MetricComparison) -> str:
-    """Sentence about the basis of the comparison (number of recordings, frames, test)."""
+    """Return the sentence about the basis of the comparison: number of recordings, frames, test."""
     count = len(found.recordings)
     what = f"{found.frames} frames of {count} recording{'s' if count > 1 else ''}"
     if not found.rows:

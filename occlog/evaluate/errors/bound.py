@@ -389,7 +389,7 @@ class Bounds:
 
 
 def _by_target(information: Records) -> list[tuple[int, Ints]]:
-    """Rows of each target in a block, sorted by identity."""
+    """Return the target and its rows in a block of records, sorted by target."""
     return [
         (target, np.flatnonzero(information["target"] == target))
         for target in np.unique(information["target"]).tolist()

@@ -231,7 +231,7 @@ def add_distances(
 
 
 def counted(observations: SensorObservations) -> Bools:
-    """(N,) mask of reports that can be of the target."""
+    """Return the mask (N,) of reports that can be of the target: it is in view, or they are within the gate."""
     return observations.reported & (observations.in_view | observations.hit)
 
 

@@ -221,7 +221,7 @@ class Alternative(NamedTuple):
 
 
 def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> Positions:
-    """The first `MAX_SAMPLE` rows; of the truth those of targets."""
+    """Return the positions in the first `MAX_SAMPLE` rows; of a truth those of targets."""
     parts, count = [(np.zeros(0, np.int64), np.zeros((0, 2)))], 0
     for rows in chunks:
         own = rows.role == "target" if isinstance(rows, Truth) else np.ones(len(rows), dtype=np.bool_)
@@ -300,7 +300,7 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
 
 
 def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:
-    """Scale the times of tracks by `factor` about `start`, which is moved to `begin`."""
+    """Return the tracks with times scaled by `factor` about `start` [s], which becomes `begin` [s]."""
     return Positions(begin + factor * (tracks.t - start), tracks.xy)
 
 

@@ -193,7 +193,7 @@ def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None
 
 
 def no_targets() -> InputError:
-    """Message for a truth with rows but no target."""
+    """Return the error for a truth with rows but no target."""
     return InputError("truth: has no rows of role target; nothing to compare with", id="empty-input")
 
 
@@ -332,7 +332,7 @@ class TrackErrors:
         return metrics
 
     def settled(self, bound: Callable[[], Metrics] | None = None) -> Metrics:
-        """Figures of the errors and the bound after the transient; empty without a transient."""
+        """Return the figures of the errors and of the `bound` after the transient; empty without a transient."""
         if not (self._transient and self._figures.rows):
             return {}
         after = {**self._late.result(), "estimates": self._late.rows}

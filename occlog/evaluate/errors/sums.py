@@ -27,7 +27,7 @@ Metrics = dict[str, float]
 
 
 def space_errors(errors: Errors) -> Bools:
-    """(N,) mask of errors with known height and true height."""
+    """Return the mask (N,) of errors with known height and true height."""
     return np.isfinite(errors.error_space)
 
 

@@ -65,7 +65,7 @@ class EvaluationSurvey:
         return sum(each.rows for each in self.tracks.values())
 
     def over(self, t_ns: int) -> tuple[Bools, Bools]:
-        """Masks of the targets and tracks without a row after a time."""
+        """Return masks of the targets and of the tracks without a row after the time `t_ns` [ns]."""
         targets, tracks = (
             np.array([life.last_ns <= t_ns for life in each.values()], dtype=np.bool_)
             for each in (self.targets, self.tracks)

@@ -95,7 +95,7 @@ def _in_own_frame(
 
 
 def inside_gate(residual: BearingErrors, config: EvaluateConfig) -> Floats:
-    """Residual as a fraction of the gate (up to 1: within); NaN without a report.
+    """Return residuals as fractions of the gate (up to 1: within); NaN without a report.
 
     Azimuth and elevation together: within the ellipse of `gate_sigma` standard deviations.
     """
@@ -224,7 +224,7 @@ def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
 
 
 def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
-    """Selected rows, with measurements removed where `seen` is False."""
+    """Return the rows with the indices `row`, with measurements removed (NaN) where `seen` is False."""
     taken = rows.take(row)
     names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
     measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}

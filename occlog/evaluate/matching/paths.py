@@ -52,18 +52,18 @@ class ObjectPath:
         return usual_gap_ns(float(np.median(np.diff(self.t_ns))) if len(self.t_ns) > 1 else math.inf)
 
     def at(self, t_ns: Ints, limit_ns: int | None) -> tuple[Floats, Bools]:
-        """Interpolated positions and validity mask; see `interpolate_positions`.
+        """Return positions (N, 2) at `t_ns` (N,), interpolated, and the mask (N,) of valid ones.
 
-        Gaps of at most `limit_ns` are bridged; None: of at most `usual_gap_ns`.
+        Gaps of at most `limit_ns` are bridged; None: of at most `usual_gap_ns`. See `interpolate_positions`.
         """
         return interpolate_positions(t_ns, self.t_ns, self.xy, self.usual_gap_ns if limit_ns is None else limit_ns)
 
     def sampled(self, t_ns: Ints) -> Bools:
-        """(N,) mask of times that are sample times (no interpolation)."""
+        """Return the mask (N,) of the times `t_ns` (N,) at which the path has a sample."""
         return np.isin(t_ns, self.t_ns)
 
     def roughly_at(self, t_ns: Ints) -> Floats:
-        """Positions interpolated over gaps of any width, and held constant beyond the ends."""
+        """Return positions (N, 2) at `t_ns` (N,), interpolated over gaps of any width, constant beyond the ends."""
         return hold_positions(t_ns, self.t_ns, self.xy)
 
     def height_at(self, t_ns: Ints, limit_ns: int | None) -> Floats:
@@ -78,7 +78,10 @@ class ObjectPath:
         return interpolate_positions(t_ns, self.t_ns[known], self.z[known][:, None], limit)[0][:, 0]
 
     def rough_height_at(self, t_ns: Ints) -> Floats:
-        """(N,) heights interpolated over gaps of any width, held constant beyond the ends; NaN without heights."""
+        """Return heights (N,) at `t_ns` (N,), interpolated over gaps of any width, constant beyond the ends.
+
+        NaN without heights.
+        """
         known = self.high
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
@@ -86,12 +89,12 @@ class ObjectPath:
 
 
 def usual_gap_ns(step_ns: float) -> int:
-    """Maximum gap [ns] that is interpolated, for the usual interval `step_ns`."""
+    """Return the largest gap [ns] that is interpolated for samples with the usual interval `step_ns` [ns]."""
     return round(min(max(MAX_GAP_STEPS * step_ns, MIN_BRIDGE_S * NS), BRIDGE_S * NS))
 
 
 def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, ObjectPath]:
-    """Path of every identity (of one role if given), sorted by identity."""
+    """Return the path of every identity in a table, sorted by identity; `role`: only of this one, empty: all."""
     keep = np.ones(len(table), dtype=np.bool_)
     if role is not None and isinstance(table, Truth):
         keep = table.role == role

@@ -210,8 +210,8 @@ class MultiTargetConfig(Settings):
 def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
     """Return the default rule for the target of a track: `id`, `start` or `optimal`.
 
-    `numbered_itself`: the tracks have identities of their own, thus no numbers of targets.
-    See `MultiTargetConfig.assigned_target`.
+    `numbered_itself`: the tracks have identities of their own, thus no numbers of targets. See
+    `MultiTargetConfig.assigned_target`.
     """
     return "id" if config.match == "id" else ("start" if numbered_itself else "optimal")
 

@@ -34,12 +34,12 @@ class MotFigures:
     """
 
     def __init__(self, frames: MatchedFrames, config: MultiTargetConfig) -> None:
-        """Start without frames.
+        """Create figures without frames.
 
         Args:
             frames: any part, for the keys of all targets and tracks and for the limit of distance; points meet where
                 their similarity reaches 0.5, boxes where it reaches the overlap.
-            config: how.
+            config: limits and rules of the figures.
         """
         targets, tracks = len(frames.truth_key), len(frames.track_key)
         self._config, points = config, not np.isnan(frames.limit)

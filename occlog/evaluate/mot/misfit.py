@@ -98,7 +98,10 @@ def _found(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[Check]:
 
 
 def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, SampledBoxes]]:
-    """Candidate corrections of the tracks, simplest first, each alone and with the best shift of frame numbers."""
+    """Generate corrections of the tracks with their descriptions, simplest first.
+
+    Each alone, and with the shift of frame numbers that fits best.
+    """
     for words, change in _of_boxes():
         ltwh = change(tracks.ltwh)
         there = (ltwh[:, 2:] > 0.0).all(axis=1)
@@ -150,7 +153,10 @@ def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
 
 
 def _best_shift(tracks: SampledBoxes, truth: SampledBoxes) -> int:
-    """Shift of the tracks' frame numbers with most boxes near a true box of similar size (Hough transform)."""
+    """Return the shift of the tracks' frame numbers with most boxes near a true box of similar size.
+
+    By a Hough transform.
+    """
     chosen = np.unique(np.linspace(0, len(tracks.frame) - 1, MAX_FRAMES).round().astype(np.int64))
     votes = np.zeros(2 * MAX_SHIFT + 1)
     for view in np.unique(tracks.view).tolist():

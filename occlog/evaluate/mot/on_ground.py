@@ -388,7 +388,7 @@ def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
 
 
 def times_of(tracks: Tracks, truth: Truth) -> Ints:
-    """(T,) times at which the truth has a target [ns]; those of the tracks where it is empty."""
+    """Return the times (T,) at which the truth has a target [ns]; those of the tracks if the truth is empty."""
     return np.unique(truth.t_ns[truth.role == "target"] if len(truth) else tracks.t_ns)
 
 

@@ -188,7 +188,10 @@ def _timed(ours: Opened, theirs: Opened) -> Sides:
 
 
 def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
-    """Rules for classes: as requested, or as the truth's columns require for MOTChallenge text."""
+    """Return the rules for classes: as requested, or as the truth's columns require.
+
+    `text`: the truth is MOTChallenge text.
+    """
     classes = text and not has_no_rows(truth) and has_classes(truth)
     if config.benchmark == "auto":
         return "mot17" if classes else "mot15"
@@ -300,9 +303,15 @@ def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
 def _read_text(
     path: Path, camera: str, table: type[B], config: MultiTargetConfig, last: int | None = None, *, marked: bool = False
 ) -> B:
-    """Read MOTChallenge text; rows marked as excluded (0) are skipped if `marked`.
+    """Read MOTChallenge text as boxes or true boxes of a camera.
 
-    The truth covers all frames from the first one to `last`, including those after its rows.
+    Args:
+        path: the file.
+        camera: name for the rows.
+        table: type of the result.
+        config: frame rate.
+        last: last frame that the truth covers, rows or not; None: that of its last row.
+        marked: skip the rows that are marked as excluded (0).
     """
     times: dict[str, FrameTimes] = {camera: frame_times(config)}
     if has_no_rows(path):

@@ -43,13 +43,13 @@ class NearPairs(NamedTuple):
 
 
 def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: str) -> Ints:
-    """(m,) label of the target assigned to each row's track; `NO_TARGET` if none is.
+    """Return the label (m,) of the target assigned to the track of each row; `NO_TARGET` if none is.
 
     Args:
-        truth: points.
-        tracks: points; rows of one label are one track, in all views.
-        tau: (n,) for each true row how near a track on it must be.
-        t_ns: (m,) time of each row of the tracks.
+        truth: n points.
+        tracks: m points; rows of one label are one track, in all views.
+        tau: (n,) distance within which a track is on the true row.
+        t_ns: (m,) time of each row of the tracks [ns].
         how: `id`: the target of the same label; `start`: the first target that the track is on,
             in any view, of several at that time the nearest in terms of tau; `optimal`: by the
             one-to-one assignment over all views in which most estimates are on their own target.
@@ -136,7 +136,7 @@ class PointTracks(NamedTuple):
         return self._at(self.t_ns, side)
 
     def numbers(self, side: Objects) -> Ints:
-        """(n,) frame number of each row in the camera's stream."""
+        """Return the frame number (n,) of each of the n rows of `side` in its camera's stream."""
         return self._at(self.number, side)
 
     def _at(self, values: tuple[Ints, ...], side: Objects) -> Ints:

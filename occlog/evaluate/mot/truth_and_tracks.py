@@ -403,7 +403,7 @@ def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, 
 
 
 def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
-    """(m,) mask of tracks paired with a distractor."""
+    """Return the mask (m,) of tracks that are paired, one to one by overlap, with a true box in `distractor` (n,)."""
     truth, tracks = _by_frame(compared.truth), _by_frame(compared.tracks)
     out = np.zeros(len(compared.tracks.frame), dtype=np.bool_)
     for frame, ours in tracks.items():

@@ -299,7 +299,7 @@ def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
 
 
 def _line(data: bytes, at: int) -> str | None:
-    """The line around a byte, shortened; None at the end of the file."""
+    """Return the line around byte `at`, shortened, as text; None at the end of the file."""
     if at >= len(data):
         return None
     start = data.rfind(b"\n", 0, at) + 1

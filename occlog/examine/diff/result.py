@@ -174,7 +174,7 @@ class DiffResult:
 
 
 def as_dict(found: Sequence[DiffResult]) -> dict[str, object]:
-    """All comparisons as plain values for JSON; `first` is the first difference in the earliest stage."""
+    """Return all comparisons as plain values for JSON; `first` is the first difference in the earliest stage."""
     different = [part for part in found if not part.same]
     return {
         "same": not different,
@@ -189,7 +189,7 @@ def _first(part: DiffResult) -> dict[str, object]:
 
 
 def report_lines(found: Sequence[DiffResult]) -> list[str]:
-    """Format all comparisons, with the part that differs first at the end."""
+    """Return all comparisons as lines of text, with the part that differs first at the end."""
     different = [part for part in found if not part.same]
     lines = [line for part in found for line in comparison_lines(part)]
     if not found:
@@ -201,7 +201,7 @@ def report_lines(found: Sequence[DiffResult]) -> list[str]:
 
 
 def comparison_lines(found: DiffResult) -> list[str]:
-    """Format what two tables or files have in common, and the first and largest differences."""
+    """Return lines on what two tables or files have in common, and on the first and largest differences."""
     if found.same:
         return [f"same       {found.name}{_count(found)}"]
     if found.what == "files":
@@ -242,7 +242,7 @@ def _schema(found: RowDifference) -> str:
 
 
 def difference_words(found: RowDifference) -> str:
-    """Format one difference: position, both values, distance and limit."""
+    """Return one difference as text: position, both values, distance and limit."""
     location = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)

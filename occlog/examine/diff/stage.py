@@ -148,7 +148,7 @@ def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
 
 
 def _closest(t: Ints, known: Ints) -> Ints:
-    """Index of the nearest of the sorted times `known` for each t (the earlier of two equally near)."""
+    """Return the index of the nearest of the sorted times `known` for each of `t`; the earlier of two equally near."""
     after = np.minimum(np.searchsorted(known, t), len(known) - 1)
     before = np.maximum(after - 1, 0)
     chosen = np.where(np.abs(known[after] - t) < np.abs(t - known[before]), after, before)
@@ -442,7 +442,7 @@ class _Tally:
         )
 
     def _unit(self, c: Column) -> str:
-        """Unit of a column for messages; empty without a unit, or with different ones."""
+        """Return the unit of a column for messages; empty without a unit, or with different ones."""
         if c.unit == "1" or (c.unit in LENGTHS and not self.length_unit):
             return ""
         return in_length_unit(c.unit, self.length_unit)

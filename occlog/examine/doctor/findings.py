@@ -126,7 +126,7 @@ class Findings:
         return iter(self._found.values())
 
     def has(self, *kinds: str) -> bool:
-        """Whether there is a finding of one of the kinds."""
+        """Return whether there is a finding of one of these kinds."""
         return any(kind in self._kinds for kind in kinds)
 
 

@@ -322,7 +322,7 @@ class _RecordingScan:
             self._findings.refused("message", InputError(text), location=f"{message.topic}, message {message.number}")
 
     def finish(self) -> None:
-        """Report the findings about statistics after the last message."""
+        """Add the findings about clocks and frozen cameras after the last message."""
         for table in self._collectors:
             self._sift(table)
         for watch in self._watches.values():

@@ -54,7 +54,7 @@ class TableWatch:
 
     @property
     def clocks(self) -> list[SensorTimes]:
-        """Time statistics of each sensor, or of all rows."""
+        """Statistics of the times of each sensor, or of all rows."""
         return list(self._clocks.values())
 
     def note_order(self, t_ns: Ints, first: int) -> None:
@@ -114,7 +114,7 @@ class TableWatch:
 
 
 def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
-    """Report cameras that repeat one frame while others continue."""
+    """Add a finding for each camera that repeats one frame while others continue."""
     for run in cameras.found():
         value = f"{run.frames} identical frames, {(run.last_ns - run.first_ns) / NS:.3g} s"
         findings.add("frozen-camera", f"sensor {run.camera}, from {utc(run.first_ns)}", value)
@@ -123,13 +123,13 @@ def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
 def bisect_bad_rows(
     rows: int, make: Callable[[int, int], M], good: list[M], checks: int = MAX_CHECKS
 ) -> Iterator[tuple[int, InputError]]:
-    """Generate the invalid rows, found by bisection, with the reasons.
+    """Generate the number of each invalid row, found by bisection, with its error.
 
     Args:
         rows: number of rows.
-        make: what the rows start <= row < stop are; InputError if one of them cannot be.
-        good: what the others are, part by part, is added to it.
-        checks: calls of `make`; a section that is left after these counts as one bad row, its first.
+        make: makes the rows start <= row < stop; InputError if one of them is invalid.
+        good: its results for the other rows, part by part, are added to this list.
+        checks: largest number of calls of `make`; a section that is left after these counts as one bad row, its first.
     """
     if rows:
         yield from _bad(0, rows, make, good, [checks])
@@ -268,7 +268,7 @@ def _maker(foreign: ForeignTable, cells: TableCells) -> Callable[[int, int], Col
 
 
 def note_losses(losses: Iterable[Loss], findings: Findings) -> None:
-    """Report losses recorded when the file was made."""
+    """Add a finding for each loss recorded when the file was made."""
     for loss in losses:
         lost = f" ({loss.count} lost)" if loss.count else ""
         findings.add("losses", f"{loss.source}, {loss.place}", loss.what + lost)

@@ -19,10 +19,9 @@ CATEGORY, NAME = 1, "person"
 
 
 def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
-    """Boxes of a table: bounding boxes of ellipses; clusters keep their numbers.
+    """Return the boxes of a table of boxes, clusters or tracks in images.
 
-    Args:
-        table: boxes, clusters or tracks in images.
+    Ellipses give their bounding boxes; clusters keep their numbers as identities.
     """
     if isinstance(table, Boxes):
         return table.take(table.box >= 0)
@@ -131,7 +130,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
 
 
 def kitti_text(boxes: Boxes) -> str:
-    """Lines of KITTI tracks: frame, identity, type, and image values; positions in space are unknown."""
+    """Return lines of KITTI tracks: frame, identity, type, and image values; positions in space are unknown."""
     unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
     rows = zip(
         boxes.frame.tolist(),
@@ -195,7 +194,10 @@ def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> It
 
 
 def _images(boxes: Boxes, count: int) -> tuple[list[tuple[str, int, int]], dict[tuple[str, int], int]]:
-    """Camera, frame and time of each image in a part, and its number (starting after `count`)."""
+    """Return camera, frame and time [ns] of each image in a part, and its number by (camera, frame).
+
+    Numbers follow those of the `count` images before.
+    """
     keys = list(dict.fromkeys(zip(boxes.sensor.tolist(), boxes.frame.tolist(), boxes.t_ns.tolist(), strict=True)))
     return keys, {(sensor, frame): count + n + 1 for n, (sensor, frame, _) in enumerate(keys)}
 

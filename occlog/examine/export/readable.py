@@ -151,7 +151,7 @@ class UnrepresentableColumns:
 
 
 def _says_something(values: NDArray[np.generic]) -> bool:
-    """Whether a column has a value: a known number, an identity, or a text."""
+    """Whether a column has any value: a known number, an identity, or a text."""
     if values.dtype.kind == "f":
         return bool(np.isfinite(values).any())
     if values.dtype.kind in "US":
@@ -178,7 +178,7 @@ class ExportedFrames:
             self._rows[name] += len(np.unique(frames))
 
     def words(self) -> tuple[str, ...]:
-        """Descriptions of frames without boxes before the first and after the last box, and of missing frames.
+        """Return descriptions of frames without boxes before the first and after the last box, and of missing frames.
 
         A frame between two others that is not in the text is read as one without a detection.
         """

@@ -219,7 +219,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
 
 
 def _info_path(output: Path) -> Path | None:
-    """Path of `seqinfo.ini`, next to the folder `gt` or `det` of a MOTChallenge sequence; None elsewhere."""
+    """Return the path of `seqinfo.ini`, next to the folder `gt` or `det` of a MOTChallenge sequence; None elsewhere."""
     folder = output.resolve().parent
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 

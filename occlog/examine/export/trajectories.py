@@ -66,7 +66,7 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
 
 
 def _used(table: Tracks | Truth) -> Bools:
-    """(N,) mask of rows of targets: in a truth, those with the role of a target."""
+    """Return the mask (N,) of rows of targets: in a truth, those with the role of a target; else all."""
     return table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
 
 
@@ -90,9 +90,9 @@ def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositi
 
 
 def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
-    """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`, a text for each part; frames are the distinct times, from 1.
+    """Generate a text of lines `frame,id,-1,-1,-1,-1,confidence,x,y,z` for each part.
 
-    A time is in one part only.
+    Frames are the distinct times, from 1; a time is in one part only.
     """
     first = 1
     for positions in pieces:
@@ -116,7 +116,7 @@ def check_one_target(names: list[int]) -> None:
 
 
 def tum_text(positions: ExportedPositions) -> str:
-    """Lines `t x y z qx qy qz qw` of one target [s]; orientation is the direction of motion, or +x if unknown."""
+    """Return lines `t x y z qx qy qz qw` of one target [s]; orientation is the direction of motion, +x if unknown."""
     heading = np.arctan2(positions.velocity[:, 1], positions.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(
@@ -126,7 +126,7 @@ def tum_text(positions: ExportedPositions) -> str:
 
 
 def _seconds(t_ns: int) -> str:
-    """Format a time as exact seconds, also before the epoch."""
+    """Return a time [ns] as exact seconds, also before the epoch."""
     whole, rest = divmod(abs(t_ns), NS)
     return f"{'-' if t_ns < 0 else ''}{whole}.{rest:09d}"
 
@@ -301,7 +301,7 @@ CELL = '"'
 
 
 def shown_name(column: Column, length_unit: str) -> str:
-    """The name of a column with its unit."""
+    """Return the name of a column with its unit, as in the head of a file."""
     if column.unit == "rad":
         return f"{column.name}_rad"
     return column.name + ending(column, length_unit) if column.unit in POWERS else column.name
@@ -329,7 +329,7 @@ def write_csv(
 
 
 def _cells(part: ColumnTable, column: Column) -> Sequence[str]:
-    """Values of a column as text; unknown values are empty."""
+    """Return the values of a column as texts; unknown values are empty."""
     values = getattr(part, column.name)
     if column.kind == "U":
         return [_quoted(no_formula(text)) for text in values.tolist()]

@@ -156,7 +156,7 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
 
 
 def viewer_format_of(path: Path) -> str | None:
-    """Format of a file made for viewers; None for others."""
+    """Return the name of the format of a file made for viewers; None for others."""
     opened = open_if_ours(path)
     if opened is None or opened.recording is None or opened.provenance.command != "export":
         return None
@@ -176,7 +176,7 @@ def _unit(opened: list[Opened], scene: Scene | None) -> str:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Tables and recording of a run folder; InputError if missing."""
+    """Return tables and recording of a run folder; InputError if it has none."""
     names = [RECORDING, *(f"{table.NAME}.parquet" for table in SHOWN)]
     files = [folder / name for name in names if (folder / name).is_file()]
     if not files:

@@ -148,7 +148,7 @@ class ViewerStream:
                 yield item
 
     def _note(self, item: SceneDrawing) -> None:
-        """Record the validity of a drawing: 2.5 times the interval since the previous one, at least 1 s."""
+        """Record how long a drawing is valid: 2.5 times the interval since the previous one, at least 1 s."""
         before = self._stands.get(item.topic)
         elapsed = 0 if before is None else item.t_ns - before[0]
         self._stands[item.topic] = (item.t_ns, item.t_ns + max(STALE_NS, 5 * elapsed // 2))
@@ -305,7 +305,7 @@ class Thinner:
         self._shown: set[str] = set()  # topics with a last message that shows something
 
     def keeps(self, item: StreamItem) -> bool:
-        """Whether a time step is kept; time steps must be in the order of time."""
+        """Return whether a time step is kept; they must be passed in the order of time."""
         if isinstance(item, LogLine):
             return True
         topic, t_ns = (

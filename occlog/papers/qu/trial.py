@@ -135,11 +135,10 @@ def alarms(
 
     Returns:
         `checked`: share of the rows that were checked; `bad`: share of those that is `bad`;
-        `false_alarm_probability`: of those
-        of sound targets, the share that is `bad`; `missed`: of those of the others, the share that is `good`; with
-        `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames until it is on its own
-        target for the first time, and `returned`: frames until it is so for good.  NaN where there is nothing to
-        divide by; inf: never.
+        `false_alarm`: of those of sound targets, the share that is `bad`; `missed`: of those of the others, the
+        share that is `good`; with `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames
+        until it is on its own target for the first time, and `returned`: frames until it is so for good.  NaN where
+        there is nothing to divide by; inf: never.
     """
     f = followed
     on = on_own(truth, followed, tau)

@@ -210,7 +210,7 @@ def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """Return errors of the iterates: figures `ray_k`, `distance_k` and `place_k` after iteration k, and `start_off`.
 
     ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of the distances
-    from the cameras, over seen states [m].  position: RMSE of all states [m].  start_off: largest distance of a state
+    from the cameras, over seen states [m].  place: RMSE of all states [m].  start_off: largest distance of a state
     of the start from its position in the paper [m].
     """
     true = np.sum((solved.true_xy[at.state] - at.position) * at.axis, axis=1)

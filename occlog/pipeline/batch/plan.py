@@ -70,13 +70,13 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
 
 
 def in_text(name: str) -> str:
-    r"""A name, or text with one, with bytes that are not UTF-8 written as `\xe9`."""
+    r"""Return a name, or text with one, with bytes that are not UTF-8 written as `\xe9`."""
     bytewise = (f"\\x{ord(c) - 0xDC00:02x}" if 0xDC80 <= ord(c) <= 0xDCFF else c for c in name)
     return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
 
 
 def in_line(text: str) -> str:
-    """A message as one line of text, for a table."""
+    """Return a message as one line of text, for a table."""
     return in_text(" ".join(text.split()))
 
 
@@ -147,7 +147,7 @@ def _fault(location: str) -> str:
 
 
 def _absolute(name: str) -> str:
-    """Absolute path that keeps link names, except where a following `..` would lead elsewhere."""
+    """Return an absolute path that keeps link names, except where a following `..` would lead elsewhere."""
     path, real = os.path.abspath(name), os.path.realpath(name)  # noqa: PTH100 -- Path.absolute keeps `..`
     return path if os.path.realpath(path) == real else real
 

@@ -244,7 +244,7 @@ class _Run:
         return last.code if last.code not in GOING_ON else worst(step.code for step in self._steps)
 
     def _failed(self, found: RecordingOutcome, error: Exception) -> RecordingOutcome:
-        """Outcome with the error in one line, without local folders."""
+        """Return the outcome `found` with the error in one line, without local folders."""
         text, code, _ = explain(error)
         for path, name in self._names.items():
             for each in {path, " ".join(path.split())} - {"/"}:

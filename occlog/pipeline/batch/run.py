@@ -90,7 +90,7 @@ def gather(
 
 
 def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
-    """Losses of all recordings: of a failed one all of it, of one with many losses the first ones and their number.
+    """Return the losses of all recordings: of a failed one all of it, of many losses the first ones and their number.
 
     The table of runs has all losses; file metadata cannot hold millions.
     """
@@ -122,7 +122,7 @@ def _provenance(outcomes: Sequence[RecordingOutcome], tables: Sequence[str], con
 
 
 def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
-    """Verdicts of all recordings as one check, with those that are implausible."""
+    """Return the verdicts of all recordings as one check, with those that are implausible."""
     judged = [each for each in outcomes if each.plausible is not None]
     doubted = (
         finding(
@@ -299,7 +299,7 @@ def _outcomes(
 
 
 def _refused(source: BatchRecording) -> RecordingOutcome:
-    """Outcome of a recording that is not attempted."""
+    """Return the outcome of a recording that is not attempted."""
     message = in_line(f"{source.shown}: {source.fault}")
     return RecordingOutcome(
         source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True
@@ -321,7 +321,10 @@ def _fetch_gathered(location: str, runs: Path, outcomes: Sequence[RecordingOutco
 
 
 def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
-    """Exit code: 3 if recordings failed or anything was lost; that of the first if all failed."""
+    """Return the exit code: 3 if recordings failed or anything was lost; that of the first if all failed.
+
+    `lost`: whether a table over all recordings could not be made.
+    """
     if all(each.state == FAILED for each in outcomes):
         return outcomes[0].code
     codes = [ExitCode.LOSSY if each.state == FAILED else ExitCode(each.code) for each in outcomes]
@@ -329,7 +332,7 @@ def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
 
 
 def _from_here(source: BatchRecording) -> str:
-    """Command argument for a recording, of which tables have the name only."""
+    """Return the command argument that names a recording, of which tables have the name only."""
     if is_url(source.location):
         return source.shown
     path, here = Path(source.location), Path.cwd()

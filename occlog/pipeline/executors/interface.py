@@ -29,9 +29,9 @@ class Executor(Protocol):
         """Generate key and result of every task, in the order in which they finish.
 
         Args:
-            todo: pieces of work by their keys; other processes must be able to read them.
-            work: does one; a function of a module, so that other processes can import it.  What it raises ends the
-                iteration: it returns errors that concern one piece alone.
+            todo: tasks by key; other processes must be able to unpickle them.
+            work: runs one task; a function of a module, so that other processes can import it. An error that concerns
+                one task alone is to be returned; an exception ends the iteration.
 
         Raises:
             UsageError: the executor requires a package that is not installed, or does not answer.

@@ -58,7 +58,7 @@ class _Pool(Generic[T, R]):
     """Pool of processes that lasts until one of them dies.
 
     Attributes:
-        under_way: keys of the pieces that had been handed over when a process died.
+        under_way: keys of the tasks that processes had when one of them died.
     """
 
     def __init__(self, workers: int, work: Callable[[T], R]) -> None:

@@ -152,7 +152,7 @@ def check_name(name: str, where: str, so: str) -> None:
 
 
 def lock_text(manifest: Manifest) -> bytes:
-    """Exact package versions in pip's format, Python's in a comment."""
+    """Return the exact package versions in pip's format, Python's in a comment."""
     packages = {name: version for name, version in manifest.versions.items() if name != "python"}
     lines = [f"# Python {manifest.versions.get('python', '?')}", f"occlog=={manifest.version}"]
     return "\n".join([*lines, *(f"{name}=={version}" for name, version in sorted(packages.items())), ""]).encode()
@@ -275,7 +275,7 @@ def unpack(path: Path, folder: Path) -> Manifest:
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """The members by name; InputError for any that is no plain file inside the archive."""
+    """Return the members of an archive by name; InputError for any that is no plain file inside it."""
     infos = archive.infolist()
     if len(infos) > MAX_FILES:
         raise InputError(

@@ -65,7 +65,7 @@ class Digests:
         self._known: dict[tuple[str, int, int], str] = {}
 
     def of(self, path: Path) -> str:
-        """SHA-256 of a file's content, in hexadecimal; InputError if unreadable."""
+        """Return the SHA-256 of a file's content, in hexadecimal; InputError if unreadable."""
         status = path.stat()
         key = (str(path), status.st_mtime_ns, status.st_size)
         if key not in self._known:
@@ -233,7 +233,7 @@ def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
 
 
 def worst(codes: Iterable[int]) -> int:
-    """Most severe of several exit codes after which the work continued."""
+    """Return the most severe of several exit codes after which the work continued."""
     codes = list(codes)
     for code in (ExitCode.THRESHOLD, ExitCode.LOSSY):
         if code in codes:
@@ -291,7 +291,7 @@ def _do(stage: RunStage) -> int:
 
 
 def key_of(stage: RunStage, folder: Path, digests: Digests) -> str:
-    """Hash of everything that the stage's outputs depend on: program, arguments, and content of the inputs.
+    """Return the hash of all that the stage's outputs depend on: program, arguments, and content of the inputs.
 
     Files are identified by name (relative path within a folder) and content, so that a run may be moved.
     """
@@ -321,7 +321,7 @@ def _is_current(outcome: StageOutcome, key: str, folder: Path) -> bool:
 
 
 def outcomes(folder: Path) -> dict[str, StageOutcome]:
-    """Outcomes of the stages in a run folder's state; empty in an empty folder.
+    """Return the outcomes of stages by name, from the state of a run folder; empty for an empty folder.
 
     Raises:
         UsageError: it is not a run folder.
@@ -359,7 +359,7 @@ def _is_outcome(outcome: StageOutcome, folder: Path) -> bool:
 
 
 def other_versions(folder: Path) -> str:
-    """Packages with other versions than those that made a run folder; "" if equal or unknown."""
+    """Return text on packages with other versions than those that made a run folder; empty if equal or unknown."""
     path = folder / STATE
     then = read_json(path).get("versions") if path.is_file() else None
     if not isinstance(then, dict):

@@ -39,12 +39,12 @@ READS, SET, STRICT = "reader", "set", "strict"
 
 @dataclass(frozen=True)
 class RunStage:
-    """A request made from the keys of a configuration.
+    """Request that is made from the keys of a stage in a configuration.
 
     Attributes:
         name: of the stage.
         form: of the request.
-        values: by key, as the configuration has them; outputs included.
+        values: by key, as in the configuration; outputs included.
         output_paths: those of the values that are outputs.
     """
 
@@ -58,7 +58,7 @@ class RunStage:
         return [text for name, value in self.values.items() for text in (f"{name}:", *map(str, listed(value)))]
 
     def keys(self) -> list[str]:
-        """Keys that the stage accepts.
+        """Return the keys that the stage accepts.
 
         Raises:
             UsageError: a key names a missing plug-in.
@@ -221,7 +221,7 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
 
 
 def setting_of(entry: RequestEntry, value: object) -> object:
-    """Parse the YAML value of a setting; UsageError, which names the key, if invalid."""
+    """Return the YAML value of a setting in its type; UsageError, which names the key, if invalid."""
     spec, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
     if plain_kind(kind) is bool:
         if not isinstance(value, bool):
@@ -263,7 +263,7 @@ def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path
 
 
 def listed(value: object) -> list[object]:
-    """Items of a value: `key=value` for a mapping, one item for a single value."""
+    """Return the items of a value: `key=value` for a mapping, one item for a single value."""
     if isinstance(value, Mapping):
         return [f"{k}={v}" for k, v in value.items()]
     return list(value) if isinstance(value, list | tuple) else [value]

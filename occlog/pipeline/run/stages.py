@@ -477,7 +477,7 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
 
 
 def _held(recording: Path) -> tuple[bool, bool]:
-    """Whether a recording holds true positions, and true boxes."""
+    """Return whether a recording holds (true positions, true boxes)."""
     opened = open_recording(recording)
     return opened.has(Truth), opened.has(TruthBoxes)
 
@@ -575,11 +575,11 @@ def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, object]) -> Form:
-    """Form of a command's request selected by the values.
+    """Return the form of a command's request, selected by the values of the configuration.
 
     Args:
-        verb: as it is declared.
-        name: of the verb, where several have one name.
+        verb: its request class or classes, as declared.
+        name: of the command, if several have one name.
         values: by key.
 
     Raises:

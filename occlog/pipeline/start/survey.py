@@ -68,7 +68,7 @@ class Item(NamedTuple):
 
 @dataclass
 class Survey:
-    """Survey result: items by kind, and unused files with the reason."""
+    """Result of a survey: usable items, and paths that are not used with the reason."""
 
     items: list[Item] = field(default_factory=list)
     unused: list[tuple[Path, str]] = field(default_factory=list)
@@ -224,7 +224,7 @@ def _item(path: Path, root: Path, contents: Sequence[FileContent], stated: State
 
 
 def name_of(path: Path, root: Path) -> str:
-    """Sensor name stated by a path: of the file, or of the nearest folder with a meaningful name."""
+    """Return the sensor name that a path states: of the file, or of the nearest folder with a meaningful name."""
     for each in (path, *path.parents):
         stem = each.name if each.is_dir() else each.name.split(".")[0]
         stem = _ENDING.sub("", stem)

@@ -45,7 +45,7 @@ class Store:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Read the file if there is one; InputError for a file of another kind."""
+        """Read the file `path` if there is one (None: keep results in memory); InputError for another kind of file."""
         self.results: dict[str, dict[str, float]] = {}
         self._path = path
         self._file: BufferedWriter | None = None

@@ -206,7 +206,7 @@ def _label(setting: Setting) -> Row:
 
 
 def to_text(rows: Sequence[SummaryRow], figures: Sequence[str]) -> str:
-    """Format a table: a line per setting, with mean and half-width of the confidence interval of some figures."""
+    """Return a table as text: a line per setting, with mean and half-width of the confidence interval of `figures`."""
     lines: dict[tuple[object, ...], dict[str, str]] = {}
     for row in rows:
         label, found = {k: str(v) for k, v in row.label.items()}, row.summary

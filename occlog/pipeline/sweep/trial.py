@@ -58,7 +58,7 @@ def run_trial(spec: Spec) -> dict[str, float]:
     Args:
         spec: `scene` (YAML text), `seed`, `run`; optional `simulate` (fields of `WorldConfig`),
             `observe` (of `ObserveConfig`), `priors` (`kind` none, known or kalman, with
-            `sigma` of the virtual measurements and `q` of the motion), `track` (`method` and
+            `measurement_noise` and `process_noise_velocity` for kalman), `track` (`method` and
             its settings), `cameras` (names of those to use), `select` (fields of
             `SelectConfig`), `skip` (estimates skipped at the start).
 

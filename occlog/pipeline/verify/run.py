@@ -166,7 +166,7 @@ def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
 
 
 def _first(part: DiffResult) -> str:
-    """Description of the first difference of two files."""
+    """Return the description of the first difference of two files."""
     first = part.first or part.schema[0]
     values = f": {first.a} is now {first.b}" if first.a is not None or first.b is not None else ""
     return f"{first.kind} {first.location}{values}" + (f" ({first.column})" if first.column else "")

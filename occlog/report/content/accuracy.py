@@ -64,9 +64,9 @@ class ErrorsAgainstBound:
         self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
-        """Add a section; return root mean square bounds (N, 2), filtering and smoothing, so far.
+        """Add a section; return root mean square bounds (N, 2) so far, filtering and smoothing, for each of its N rows.
 
-        Row by row, of the target of the row, over the rows up to it.
+        Each is of the row's target, over the rows up to it.
         """
         out = np.full((len(bound), 2), np.nan)
         for target in np.unique(bound.target_id).tolist():

@@ -207,9 +207,7 @@ class ObservationStreams:
         return ObservationCoverage(self.rows, self._seen, by_name, self.labels, series)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
-        """Return interval borders, observations and detections of the `wanted` pairs of sensor and target, by
-        number.
-        """
+        """Return interval borders, observations and detections of the `wanted` pairs of sensor and target, by pair."""
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
             for number in range(self._records.count):

@@ -59,17 +59,17 @@ class PersonEstimate:
 
     @property
     def unsure(self) -> bool:
-        """Whether it is drawn dashed: coasting, or with a quality flag."""
+        """Whether the person is drawn dashed: no sensor detects it, or it has a quality flag."""
         return bool(self.quality_flags) or (self.seen_by is not None and not self.seen_by)
 
     @cached_property
     def rim(self) -> Floats | None:
-        """(k, 2) points of the 95 % ellipse of its position; None if unknown."""
+        """Points (k, 2) of the 95 % ellipse of the position [m]; None if unknown."""
         return rim(self.xy, self.covariance) if np.isfinite(self.covariance).all() else None
 
     @cached_property
     def body(self) -> Floats:
-        """(2 n, 3) points around the feet and the head."""
+        """Points (2 n, 3) on circles around the feet and the head [m]."""
         ring = around(self.xy, np.full(2, 0.5 * self.width))
         return np.vstack([at_height(ring, self.floor), at_height(ring, self.floor + self.height)])
 
@@ -86,7 +86,7 @@ class Palette:
         return len(self._index)
 
     def __call__(self, target: int) -> Rgba:
-        """Colour of a target; grey for an unknown one."""
+        """Return the colour of a target; grey for an unknown one."""
         if target not in self._index:
             return GREY
         r, g, b = target_rgb(self._index[target])
@@ -171,7 +171,7 @@ class PeopleDrawing:
                 trail.popleft()
 
     def at(self, t_ns: int) -> list[PersonEstimate]:
-        """Current targets, by identity; those without recent estimates are dropped."""
+        """Return the current estimates at `t_ns` [ns], by identity; targets without recent ones are dropped."""
         for target in [name for name, person in self._people.items() if person.t_ns < t_ns - STALE_NS]:
             del self._people[target], self._trails[target]
         return [self._people[target] for target in sorted(self._people)]
@@ -181,7 +181,7 @@ class PeopleDrawing:
         return self._people.get(target)
 
     def trail(self, target: int) -> Floats:
-        """(k, 2) trail of a target, earliest first; at most `TRAIL_POINTS`, evenly selected."""
+        """Return the trail (k, 2) of a target, earliest first; at most `TRAIL_POINTS`, evenly selected."""
         points = np.array([xy for _, xy in self._trails[target]])
         keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), TRAIL_POINTS)).round().astype(np.int64))
         return np.asarray(points[keep])
@@ -226,7 +226,7 @@ class PeopleDrawing:
 
 
 def name_of(person: PersonEstimate) -> str:
-    """Number of a person's track, with a question mark if the identity is ambiguous."""
+    """Return the number of a person's track, with a question mark if the identity is ambiguous."""
     return f"{person.target}?" if person.quality_flags else str(person.target)
 
 
@@ -305,7 +305,7 @@ def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
 
 
 def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[DrawingGroup]:
-    """Boxes of a detector (grey), or true boxes (white, dashed if the target is occluded)."""
+    """Return shapes of boxes of a detector (grey), or of true boxes (white, dashed if the target is occluded)."""
     true = isinstance(rows, TruthBoxes)
     if isinstance(rows, Boxes):  # a frame without boxes has a row without one
         rows = rows.take(rows.box >= 0)

@@ -52,7 +52,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Fill:
-    """Triangles (3 k, 3), each of three corners."""
+    """Triangles (3 k, 3), three successive corners each, filled with one colour."""
 
     corners: Floats
     colour: Rgba
@@ -121,21 +121,21 @@ def around(middle: Floats, half: Floats, axes: Floats | None = None) -> Floats:
 
 
 def at_height(points: Floats, z: float) -> Floats:
-    """(k, 3) points of the plan at height z."""
+    """Return points (k, 2) of the plan as (k, 3) at height z."""
     out = np.empty((len(points), 3))
     out[:, :2], out[:, 2] = points, z
     return out
 
 
 def fan(polygon: Floats, z: float) -> Floats:
-    """(3 (k - 2), 3) triangles of a convex polygon (k, 2) at height z; viewers show both sides."""
+    """Return triangles (3 (k - 2), 3) of a convex polygon (k, 2) at height z; viewers show both sides."""
     n = len(polygon) - 2
     order = np.column_stack([np.zeros(n, dtype=np.int64), np.arange(1, n + 1), np.arange(2, n + 2)])
     return at_height(polygon[order.reshape(-1)], z)
 
 
 def triangles(polygon: Floats, z: float) -> Floats:
-    """(3 k, 3) triangles of a simple polygon (K, 2) at height z."""
+    """Return triangles (3 k, 3) of a simple polygon (K, 2) at height z."""
     import shapely
 
     parts = shapely.constrained_delaunay_triangles(shapely.Polygon(polygon)).geoms

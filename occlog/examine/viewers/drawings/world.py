@@ -50,7 +50,7 @@ MODELS = {"brown": ("plumb_bob", 5), "opencv": ("rational_polynomial", 8), "equi
 
 
 def world_of(scene: Scene | None) -> str:
-    """Name of the world frame, different from all sensor names (which name their frames)."""
+    """Return the name of the world frame, different from all sensor names (which name their frames)."""
     names = () if scene is None else [sensor.name for sensor in scene.sensors]
     return WORLD if WORLD not in names else f"{WORLD}_"
 
@@ -124,7 +124,7 @@ LIFTED = 0.01
 
 
 def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """Shapes of the plan [m]; `metres`: metres per length unit."""
+    """Return the shapes of the floor plan [m]: room, occluders, sensors; `metres`: metres per length unit."""
     things: list[DrawingGroup] = []
     if scene.room is not None:
         room = metres * scene.room
@@ -276,7 +276,7 @@ class SightDrawing:
         return things
 
     def shadows(self, t_ns: int) -> list[DrawingGroup]:
-        """Parts of the floor that people hide from each camera."""
+        """Return the parts of the floor that people hide from each camera at `t_ns` [ns], as shapes."""
         people = self._crowd.at(t_ns)
         cameras = [c for c in self._scene.cameras if c.placed]
         if not people or not cameras:
