@@ -14,7 +14,7 @@ _OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
 
 
 def as_flag(name: str) -> str:
-    """Name of a request field as typed on the command line: `--fused-views`, `--set person_height=`."""
+    """Return a request field as typed on the command line: `--fused-views`, `--set person_height=`."""
     free = name.removeprefix("set.")
     return f"--{name.replace('_', '-')}" if free == name else f"--set {free}="
 
@@ -24,7 +24,7 @@ SPELLING: ContextVar[Callable[[str], str]] = ContextVar("SPELLING", default=as_f
 
 
 def option(name: str) -> str:
-    """Name of a request field for a message, spelled later for the surface in use.
+    """Return a placeholder for a request field in a message, which `spelled` replaces for the surface in use.
 
     A setting without its own option is called `set.NAME`.
     """
@@ -32,12 +32,12 @@ def option(name: str) -> str:
 
 
 def spelled(text: str) -> str:
-    """A message (or JSON with one) with the names of `option` spelled for the surface in use."""
+    """Return a message (or JSON with one) with the names of `option` spelled for the surface in use."""
     return _OPTION.sub(lambda found: SPELLING.get()(found[1]), text)
 
 
 class ExitCode(IntEnum):
-    """Exit status of an `occlog` command."""
+    """Exit status of an `occlog` command: 0 is success."""
 
     DONE = 0
     BUG = 1
@@ -80,7 +80,7 @@ class OcclogError(Exception):
         return self._id or self.default_id
 
     def __str__(self) -> str:
-        """Message with options spelled for the surface in use."""
+        """Return the message with options spelled for the surface in use."""
         return spelled(super().__str__())
 
     @property
@@ -127,13 +127,20 @@ class NoSceneError(UsageError):
     """
 
     def __init__(self, where: object) -> None:
-        """Create the error for the file `where`."""
+        """Create the error that the file `where` holds no scene."""
         super().__init__(f"{where}: holds no scene; give one with {option('scene')}", id="missing-scene")
         self.where = where
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", owner: str = "") -> str:
-    """Hint for an unknown name: its new name, the nearest known names, or all of them."""
+    """Return a hint for an unknown name: `did you mean 'X'?`, or the list of all known names if none is similar.
+
+    Args:
+        name: the unknown name.
+        known: the allowed names.
+        otherwise: words before the list of all names.
+        owner: method or command that the name was given to; its own renamed options come first.
+    """
     names = list(known)
     near = nearest(name, names, owner=owner)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else f"{otherwise} {', '.join(names) or 'none'}"

@@ -103,18 +103,38 @@ class PluginField:
 
 
 def plugged(kind: str, help: str, option: str, kinds: tuple[str, ...] = ()) -> Any:
-    """Declare a field of selected plug-ins, a tuple of `occlog.plugins.loading.Chosen`."""
+    """Declare a request field of selected plug-ins, a tuple of `occlog.plugins.loading.Chosen`; by default empty.
+
+    Args:
+        kind: kind of plug-in, for example `filter`.
+        help: text for the help of the option.
+        option: the command's option, which may be repeated.
+        kinds: kinds of input that the plug-ins are for; empty: all.
+    """
     return field(default=(), metadata={"plugged": PluginField(kind, help, option, kinds)})
 
 
 def source(help: str, *, required: bool | None = None, **declared_of: Any) -> Any:
-    """Declare a field that names a file to read; positional arguments are required by default, options are not."""
+    """Declare a field that names a file to read.
+
+    Args:
+        help: sentence for the help of the option.
+        required: None: positional arguments are required, options are not.
+        **declared_of: further fields of the `File` declaration.
+    """
     of = File(help, **declared_of)
     return _file(of, of.argument if required is None else required)
 
 
 def sink(help: str, table: str = "", *, required: bool = False, **declared_of: Any) -> Any:
-    """Declare a field that names a file to write."""
+    """Declare a request field that names a file to write.
+
+    Args:
+        help: sentence for the help of the option.
+        table: name of the table that the file holds; empty: it holds none.
+        required: false: the default is None, and nothing is written.
+        **declared_of: further fields of the `File` declaration.
+    """
     return _file(File(help, output=True, table=table, **declared_of), required)
 
 
@@ -124,7 +144,13 @@ def _file(of: File, required: bool) -> Any:
 
 
 def output_file(help: str, table: str = "", result: str = "") -> Any:
-    """Declare the main output, `-o/--output`."""
+    """Declare the main output of a command, `-o/--output`, which is required.
+
+    Args:
+        help: sentence for the help of the option.
+        table: name of the table that it holds; empty: none.
+        result: name of the output in the results of the Python interface; empty: that of the table.
+    """
     return sink(help, table, required=True, option="-o/--output", result=result)
 
 
@@ -134,12 +160,12 @@ def scene_file() -> Any:
 
 
 def seed_of_all() -> Any:
-    """Declare the seed of all random numbers, `--seed`."""
+    """Declare the field for the seed of all random numbers, `--seed`."""
     return setting(0, "Seed of all random numbers; equal seeds give equal results.", at_least=0, option="--seed")
 
 
 def number_of_threads() -> Any:
-    """Declare the number of threads, `--workers`."""
+    """Declare the number of threads, `--workers`; None: one for each processor."""
     words = "Number of threads; results do not depend on it. [default: one per processor]"
     return setting(None, words, at_least=1, option="--workers", shown="")
 
@@ -177,16 +203,16 @@ class Request(Settings):
         return found
 
     def file_field(self, field_name: str) -> File:
-        """Declaration of a file field; items of a tuple are named `name[1]`."""
+        """Return the declaration of the file field `field_name`; items of a tuple are named `name[1]`."""
         found: File = type(self).__dataclass_fields__[field_name.partition("[")[0]].metadata["file"]
         return found
 
     def kind_of_input(self) -> str:
-        """Kind of its input; empty if there are no kinds."""
+        """Return the kind of the request's input; empty if there are no kinds."""
         return str(load(self.KIND)(self)) if self.KIND else ""
 
     def unfit(self, kind: str) -> Iterator[RequestEntry]:
-        """Given options that do not apply to a kind of input."""
+        """Generate the given options that do not apply to a kind of input."""
         for entry in Form(type(self)).entries():
             value = getattr(self, entry.field)
             value = value.get(entry.of.name) if entry.group is not None else value
@@ -201,12 +227,12 @@ class Request(Settings):
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that are read, without duplicates."""
+        """Paths of all input files, in the order of the fields, without duplicates."""
         return list(dict.fromkeys(self.files(output=False).values()))
 
     @property
     def outputs(self) -> list[Path]:
-        """All files that are written."""
+        """Paths of all output files, in the order of the fields."""
         return list(self.files(output=True).values())
 
 
@@ -231,13 +257,13 @@ class RequestEntry(NamedTuple):
 
     @property
     def file(self) -> File | None:
-        """Declaration of a file."""
+        """Declaration of the file that the field names; None if the field is no file."""
         found: File | None = self.of.metadata.get("file")
         return found
 
     @property
     def plugged(self) -> PluginField | None:
-        """Declaration of plug-ins."""
+        """Declaration of the plug-ins that the field selects; None if it selects none."""
         found: PluginField | None = self.of.metadata.get("plugged")
         return found
 
@@ -248,7 +274,7 @@ class RequestEntry(NamedTuple):
 
     @property
     def required(self) -> bool:
-        """Whether it must be given."""
+        """Whether the field has no default and must be given."""
         return self.of.default is MISSING and self.of.default_factory is MISSING
 
     @property
@@ -420,7 +446,7 @@ class Verb:
 
 
 def _flat(value: object) -> Iterator[object]:
-    """Flatten nested tuples; other values are returned as one item."""
+    """Generate the items of nested tuples in `value`; another value is one item."""
     if isinstance(value, tuple):
         for each in value:
             yield from _flat(each)
@@ -429,7 +455,7 @@ def _flat(value: object) -> Iterator[object]:
 
 
 def _key(f: Field[Any]) -> str:
-    """Name of a field: that of its option, or its own."""
+    """Return the key of a request field `f`: the name of its option, with `_`, or its own."""
     of: File | PluginField | Declaration = f.metadata.get("file") or f.metadata.get("plugged") or declaration(f)
     option = of.option
     if option is None or getattr(of, "argument", False):
@@ -439,11 +465,11 @@ def _key(f: Field[Any]) -> str:
 
 
 def _under(under: str, name: str) -> str:
-    """A prefixed name as a Python identifier."""
+    """Return `name` with the prefix `under` as a Python identifier: `_` in it for other characters, and after it."""
     return "".join(c if c.isalnum() else "_" for c in f"{under}_") + name if under else name
 
 
 def load(where: str) -> Any:
-    """Import the value of `module:name`."""
+    """Import the object that `where` names as `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)

@@ -70,7 +70,7 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
 
 
 def _with_file(error: InputError, request: Request) -> InputError:
-    """Prefix the error of a stage, which names tables only, with the file: `a.csv: bearings: row 3: ...`."""
+    """Return the error of a stage, which names tables only, with the file: `a.csv: bearings: row 3: ...`."""
     noun, colon, _ = str(error).partition(": ")
     files = request.files(output=False)
     # Errors of other classes name an option or a place themselves
@@ -80,7 +80,7 @@ def _with_file(error: InputError, request: Request) -> InputError:
 
 
 def _with_earlier(done: JobResult, inputs: Iterable[Path]) -> JobResult:
-    """Result with the losses recorded in the inputs, separate from the new ones."""
+    """Return the result with the losses recorded in the inputs, separate from the new ones."""
     if not done.losses:
         return done
     known = set(previous_losses(inputs))
@@ -115,11 +115,17 @@ class Job:
     kind: str = ""
 
     def progress(self, items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
-        """Generate the items with a progress bar on a terminal."""
+        """Generate the items, with a progress bar on a terminal.
+
+        Args:
+            items: what to generate.
+            label: text before the bar.
+            total: number of items; None: unknown, or their length.
+        """
         return console.progress(items, label, total, quiet=self.quiet)
 
     def note(self, text: str) -> None:
-        """Print a note for the user."""
+        """Write the line `text` to standard error, unless the job is quiet."""
         console.note(text, self.quiet)
 
     def provenance(
@@ -171,7 +177,7 @@ class Job:
 
 
 class Tables:
-    """Output tables of a request, by field."""
+    """Writers of the output tables of a request, by its field; `open` opens one, `write` appends rows."""
 
     def __init__(self, job: Job, length_unit: str, stack: ExitStack, together: OutputGroup) -> None:
         """Start without open tables.
@@ -213,7 +219,7 @@ class Tables:
                 self._writers[name].write(part)
 
     def write_bytes(self, field: str, content: bytes) -> None:
-        """Write a requested output that is not a table; it appears with the tables."""
+        """Write `content` to the file of the request field `field`, which is no table; it appears with the tables."""
         with open_output(self._job.request.files(output=True)[field], self._job.overwrite, self._together) as file:
             file.write(content)
 

@@ -101,7 +101,7 @@ class Declaration:
     kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:
-        """The range as text: `above 0 and at most 1`, `one of a, b`; empty without limits."""
+        """Return the range as text: `above 0 and at most 1`, `one of a, b`; empty without limits."""
         if self.choices:
             return ("of " if self.several else "one of ") + ", ".join(self.choices)
         ends = (
@@ -113,7 +113,7 @@ class Declaration:
         return " and ".join(f"{word} {end:g}" for word, end in ends if end is not None)
 
     def holds(self, value: Any) -> bool:
-        """Whether a number or text is in the range; True for None."""
+        """Whether `value`, a number, text or tuple, is in the range or among the choices; True for None."""
         if value is None:
             return True
         if self.choices:
@@ -130,24 +130,33 @@ class Declaration:
 
 
 def setting(default: Any, help: str, **declared: Any) -> Any:
-    """Declare a field of a settings class; see `Declaration` for the parameters."""
+    """Declare a field of a settings class, for use as its default in a dataclass.
+
+    Args:
+        default: default value, lengths in metres (see `default_in`).
+        help: sentence for the help of the option and for the documentation.
+        **declared: further fields of the `Declaration`.
+    """
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
 def like(of: type[Settings], name: str, help: str, **declared: Any) -> Any:
-    """Declare a field like that of another settings class, with some changes."""
+    """Declare a field with the default and `Declaration` of the field `name` of the settings class `of`.
+
+    `help` and `declared` replace the help and other fields of that declaration.
+    """
     other = next(f for f in fields(of) if f.name == name)
     return field(default=other.default, metadata={"setting": replace(declaration(other), help=help, **declared)})
 
 
 def declaration(of: Field[object]) -> Declaration:
-    """Declaration of a field of a settings class."""
+    """Return the declaration of a field of a settings class."""
     found: Declaration = of.metadata["setting"]
     return found
 
 
 def listed(text: str) -> tuple[str, ...]:
-    """Names separated by commas."""
+    """Names in a text, separated by commas; spaces around them and empty ones are dropped."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
@@ -168,17 +177,17 @@ class Settings:
                 raise SettingError(self.OWNER, name, getattr(self, name), limit)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Rules between settings: name of the wrong one, whether the rule holds, and its text."""
+        """Generate the rules between settings: name of the wrong one, whether the rule holds, and its text."""
         return ()
 
     @classmethod
     def in_unit(cls, length_unit: str) -> Self:
-        """Default settings for a scene with this length unit."""
+        """Return the default settings for a scene with this length unit."""
         return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
 
 
 def _check(of: type[Settings], f: Field[object], value: Any) -> None:
-    """SettingError for a value of the wrong type, not finite, or out of range."""
+    """SettingError if `value` does not fit the field `f` of the settings class `of`: type, not finite, out of range."""
     spec, kind = declaration(f), kind_of(of, f.name)
     if not (value is None and optional(kind)) and not _is_a(value, kind):
         raise SettingError(of.OWNER, f.name, repr(value), spec.limit() if spec.choices else KIND_WORDS[item_kind(kind)])
@@ -209,7 +218,7 @@ KIND_WORDS: dict[type | tuple[type, type], str] = {
 
 
 def item_kind(kind: object) -> type | tuple[type, type]:
-    """Key of `KIND_WORDS` of an annotated type: the plain type, or a tuple with its item type."""
+    """Return the key of an annotated type in `KIND_WORDS`: the plain type without None, or (tuple, item type)."""
     plain = plain_kind(kind)
     if plain is not tuple:
         return plain
@@ -218,7 +227,7 @@ def item_kind(kind: object) -> type | tuple[type, type]:
 
 
 def _is_a(value: object, kind: object) -> bool:
-    """Whether a value is of the annotated type; an int is accepted as a float, a bool is not."""
+    """Whether a value is of the annotated type `kind`; an int is accepted as a float, a bool is not."""
     key = item_kind(kind)
     if isinstance(key, tuple):
         items = {float: numbers.Real, int: numbers.Integral}.get(key[1], str)
@@ -229,7 +238,7 @@ def _is_a(value: object, kind: object) -> bool:
 
 
 def counted(counts: tuple[int, ...]) -> str:
-    """Describe the allowed lengths of a tuple setting, as text."""
+    """Return the allowed lengths of a tuple setting as text: `2 or 3 numbers`."""
     return " or ".join(str(n) for n in counts) + " numbers"
 
 
@@ -239,7 +248,11 @@ def declared(of: type[Settings]) -> tuple[Field[object], ...]:
 
 
 def default_in(f: Field[object], length_unit: str) -> object:
-    """Default of a setting for a length unit; lengths of people are declared in metres and converted."""
+    """Default value of the settings field `f` for a scene in `length_unit`.
+
+    Lengths are declared in metres, and converted to that unit by the power of length in the setting's unit; a unit
+    other than those of `METRES` is specific to the scene, and takes the setting's `own` default.
+    """
     spec = declaration(f)
     if length_unit not in METRES:
         return f.default if spec.own is None else spec.own
@@ -254,7 +267,7 @@ def default_in(f: Field[object], length_unit: str) -> object:
 
 
 def configure(config: C, values: Mapping[str, object]) -> C:
-    """Replace some settings; texts are parsed to the type of the setting.
+    """Return a copy of the settings with `values` by name; texts are parsed to the type of the setting.
 
     Raises:
         UsageError: an unknown setting, or an invalid text.
@@ -290,7 +303,7 @@ def _names(of: type[Settings]) -> list[str]:
 
 
 def _read(of: type[Settings], name: str, value: object) -> object:
-    """Parse the value of a setting; UsageError for an unknown setting or an invalid text."""
+    """Return the value of a setting, parsed if it is a text; UsageError for an unknown setting or an invalid text."""
     if name not in _names(of):
         raise UsageError(_unknown(of.OWNER, name, _names(of)), id="unknown-key")
     return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
@@ -301,7 +314,7 @@ def _unknown(owner: str, name: str, known: Sequence[str]) -> str:
 
 
 def kind_of(of: type, name: str) -> object:
-    """Type of a setting as annotated, for example `float | None`."""
+    """Return the type of a setting as annotated, for example `float | None`."""
     return _kinds(of)[name]
 
 
@@ -312,19 +325,25 @@ def _kinds(of: type) -> Mapping[str, object]:
 
 
 def plain_kind(kind: object) -> type:
-    """The type without None: `float` of `float | None`; `tuple` of a tuple of numbers."""
+    """Return the annotated type `kind` without None: `float` of `float | None`; `tuple` of a tuple of numbers."""
     if isinstance(kind, types.UnionType):
         kind = next(k for k in typing.get_args(kind) if k is not types.NoneType)
     return typing.cast(type, typing.get_origin(kind) or kind)
 
 
 def optional(kind: object) -> bool:
-    """Whether a setting of this type may be None."""
+    """Whether a setting of the annotated type `kind` may be None."""
     return isinstance(kind, types.UnionType) and types.NoneType in typing.get_args(kind)
 
 
 def read_value(text: str, kind: object, name: str) -> object:
-    """Parse a text to a value; UsageError if invalid."""
+    """Parse a text to the value of a setting; UsageError if invalid.
+
+    Args:
+        text: for example `0.5`, `yes` or `a,b`; `none` or nothing is None where the setting is optional.
+        kind: type annotation of the setting.
+        name: of the setting, for the message.
+    """
     if optional(kind) and text.strip().lower() in ("none", ""):
         return None
     plain = plain_kind(kind)
@@ -342,7 +361,10 @@ def read_value(text: str, kind: object, name: str) -> object:
 
 
 def read_pair(text: str, size: bool) -> tuple[int, int]:
-    """Parse two integers: a size WIDTHxHEIGHT, or a range A:B with A < B; UsageError for anything else."""
+    """Return two integers in a text: a range A:B with A < B or, with `size`, a size WIDTHxHEIGHT.
+
+    UsageError for any other text.
+    """
     pattern = r"(\d{1,5})[xX](\d{1,5})" if size else r"(\d{0,9}):(\d{1,9})"
     found = re.fullmatch(pattern, text.strip())
     first, second = (int(found[1] or 0), int(found[2])) if found is not None else (0, 0)
@@ -359,7 +381,7 @@ def json_schema(of: type[Settings]) -> dict[str, object]:
 
 
 def _property(of: type[Settings], f: Field[object]) -> dict[str, object]:
-    """JSON Schema of one setting, including a different default for metres."""
+    """Return the JSON Schema of the field `f` of the settings class `of`, with a different default for metres."""
     spec, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]

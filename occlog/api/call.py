@@ -40,10 +40,13 @@ def settings_by_class(
     """Distribute keywords to the settings classes that declare them; one in several classes is set in all.
 
     Args:
-        verb: for messages.
+        verb: command or method, for messages.
         keywords: names and values.
-        classes: each after what the names of its settings begin with as keywords; most begin with nothing.
+        classes: each with the prefix of its settings in the keywords, mostly empty.
         arguments: names of the function's other arguments, for hints.
+
+    Returns:
+        Settings by name, for each class.
 
     Raises:
         UsageError: no class has a setting of that name; the message has the nearest name.
@@ -62,7 +65,10 @@ def settings_by_class(
 
 
 def declared_value(of: type[Settings], name: str, value: object) -> object:
-    """Convert a value to the setting's type, so that 1 and 1.0, or a list and a tuple, are equivalent."""
+    """Return a value in the type of the field `name` of the settings class `of`: 1 becomes 1.0, a list a tuple.
+
+    NumPy scalars become Python numbers, names of a sequence a text with commas. Values are not checked here.
+    """
     kind = kind_of(of, name)
     plain = plain_kind(kind)
     if isinstance(value, np.generic):
@@ -81,7 +87,7 @@ def declared_value(of: type[Settings], name: str, value: object) -> object:
 
 
 def names_of(value: str | Sequence[str]) -> tuple[str, ...]:
-    """Sensor names: one, several in a list, or separated by commas."""
+    """Return the sensor names of an argument: one, several in a sequence, or separated by commas."""
     texts = [value] if isinstance(value, str) else list(value)
     return tuple(part.strip() for text in texts for part in str(text).split(",") if part.strip())
 
@@ -196,7 +202,13 @@ def _arguments_of(form: Form) -> set[str]:
 
 
 def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str, Path]:
-    """Return the paths of the output tables by request field."""
+    """Return the paths of the requested output files by request field.
+
+    Args:
+        form: of the request.
+        arguments: of the call; an output is requested by its path, or by True, which takes a file in `home`.
+        home: temporary folder of the result.
+    """
     found = {}
     for entry in form.entries():
         of = entry.file
@@ -208,7 +220,10 @@ def _outputs(form: Form, arguments: Mapping[str, Any], home: Folder) -> dict[str
 
 
 def _fitting(request: Request, outputs: Mapping[str, Path]) -> Request:
-    """The request without default outputs that its kind of input does not have."""
+    """Return a copy of the request without default outputs that its kind of input does not have.
+
+    `outputs`: paths of all outputs, by request field.
+    """
     unfit = (entry for entry in request.unfit(request.kind_of_input()) if entry.name in outputs)
     return replace(request, **{entry.field: None for entry in unfit if entry.file and entry.file.asked == "always"})
 
@@ -221,7 +236,14 @@ def _asked(entry: RequestEntry, of: File, arguments: Mapping[str, Any]) -> bool:
 
 
 def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs, called: Mapping[str, str]) -> object:
-    """Convert an argument to the type of the request's field."""
+    """Return an argument as the type of the request's field; None if it is missing, or names an output.
+
+    Args:
+        entry: the field.
+        arguments: of the call, by field.
+        inputs: writes tables and arrays to files that the request can name.
+        called: argument names that differ from the fields, for named inputs such as `NAME=FILE`.
+    """
     value, of, name = arguments.get(entry.field), entry.file, entry.field
     if value is None or (of is not None and of.output):
         return None
@@ -243,7 +265,13 @@ def _value(entry: RequestEntry, arguments: Mapping[str, Any], inputs: CallInputs
 
 
 def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, name: str) -> tuple[Chosen, ...]:
-    """Selected plug-ins of a kind, from their names, or from settings by name."""
+    """Return the selected plug-ins of a kind with their settings.
+
+    Args:
+        value: names, or mapping from names to settings.
+        kind: of the plug-ins, for example `filter`.
+        name: of the argument, for messages.
+    """
     given = value if isinstance(value, Mapping) else {each: {} for each in value}
     found = []
     for each, values in given.items():
@@ -254,7 +282,7 @@ def _plugged(value: Sequence[str] | Mapping[str, Mapping[str, Any]], kind: str, 
 
 
 def _text(value: object) -> str:
-    """Format a value as an option takes it; items of a sequence are separated by commas."""
+    """Return a value as an option takes it; items of a sequence are separated by commas."""
     return ",".join(map(str, value)) if isinstance(value, Iterable) and not isinstance(value, str) else str(value)
 
 
@@ -264,7 +292,13 @@ def _named(inputs: CallInputs, value: Any, name: str) -> Path:
 
 
 def _groups(form: Form, arguments: Mapping[str, Any]) -> dict[str, dict[str, object]]:
-    """Settings by group field, from a mapping or from keywords."""
+    """Return the settings of a request by field of the request: for each group the values by setting.
+
+    Args:
+        form: of the request.
+        arguments: of the call; a group is a mapping (or True: its defaults), or its settings are single entries of
+            `settings`, with the prefix of the group.
+    """
     classes = form.classes()
     nested = {name for name in classes if name in arguments and name != "settings"}
     names = [entry.field for entry in form.entries() if entry.group is None]

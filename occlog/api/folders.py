@@ -26,7 +26,7 @@ class Folder:
     """A temporary folder, removed with the last reference to it, or when Python ends."""
 
     def __init__(self) -> None:
-        """Create it in `TMPDIR`."""
+        """Create the folder under `TMPDIR`; it is deleted with this object, or by `remove`."""
         self.path = _Home.of_this_process().new()
         # Unlike those of `weakref`, these run in the end of a process of `multiprocessing`, too, and not in a copy
         # that was forked
@@ -37,12 +37,12 @@ class Folder:
         return self.path / name
 
     def written(self, names: Iterable[str]) -> dict[str, Path]:
-        """The existing Parquet files of the tables, by name."""
+        """Return the paths of the Parquet files of the tables `names` that exist in the folder, by name."""
         paths = {name: self.file(f"{name}.parquet") for name in names}
         return {name: path for name, path in paths.items() if path.is_file()}
 
     def without_paths(self, summary: Mapping[str, Any]) -> dict[str, Any]:
-        """Figures of a summary without paths of temporary files."""
+        """Return a copy of the figures of a summary without those that are paths of temporary files."""
         return {name: value for name, value in summary.items() if not str(value).startswith(str(self.path))}
 
 
@@ -52,7 +52,7 @@ class _Home:
     known: _Home | None = None
 
     def __init__(self) -> None:
-        """Create and lock it, and remove abandoned ones."""
+        """Create and lock a new folder under `TMPDIR`, and remove abandoned ones of ended processes."""
         self.process, self.path = os.getpid(), Path(mkdtemp(prefix=PREFIX))
         self._lock = _locked(self.path)
         self._numbers = count(1)
@@ -61,21 +61,24 @@ class _Home:
 
     @classmethod
     def of_this_process(cls) -> _Home:
-        """The folder of this process; a new one after a fork, or if it was removed."""
+        """Return the folder of this process; a new one after a fork, or if it was removed."""
         home = cls.known
         if home is None or home.process != os.getpid() or not home.path.is_dir():
             home = cls.known = cls()
         return home
 
     def new(self) -> Path:
-        """Create a folder in it."""
+        """Create an empty subfolder, named by the next number, and return its path."""
         path = self.path / str(next(self._numbers))
         path.mkdir(mode=0o700)
         return path
 
 
 def _locked(folder: Path) -> int | None:
-    """Lock a folder until this process ends; None if locked by another process, or locks are unsupported."""
+    """Lock a folder until this process ends; return the lock's file descriptor.
+
+    None if it is locked by another process, or locks are unsupported.
+    """
     try:
         import fcntl
     except ImportError:  # no such locks on this system: nothing is found abandoned, either

@@ -93,7 +93,7 @@ class Recording:
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables that it holds."""
+        """Names of the tables that the recording holds."""
         return tuple(name for name, table in TABLES.items() if self._opened.has(table))
 
     @property
@@ -122,7 +122,7 @@ class Recording:
         return f"<occlog recording {self.source.name}: tables {', '.join(self.tables) or 'none'}; sensors {sensors}>"
 
     def _repr_html_(self) -> str:
-        """Tables, sensors and losses, for a notebook."""
+        """Return an HTML table of the recording's tables, sensors, summary and losses, which notebooks show."""
         rows = {
             "tables": ", ".join(self.tables),
             "sensors": ", ".join(f"{s.name} ({s.kind})" for s in self.sensors),
@@ -213,7 +213,7 @@ def _only(names: tuple[str, ...], wanted: str | None) -> str:
 
 
 def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Table:
-    """Store the rows of an opened input as a table of this program."""
+    """Store the rows of an opened input as a table of occlog in the folder `home`, and return it."""
     from occlog.io.files.tables.table_writer import TableWriter
 
     if opened.recording is None and opened.foreign is None:
@@ -231,7 +231,7 @@ class ArrowStream(Protocol):
     """A table in memory with the Arrow PyCapsule interface: of polars, DuckDB, pyarrow or similar."""
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
-        """A capsule of an Arrow C stream."""
+        """Return a PyCapsule of an `ArrowArrayStream`, as the Arrow PyCapsule interface specifies."""
 
 
 Source: TypeAlias = "str | os.PathLike[str] | Table | Recording | ArrowStream | pd.DataFrame | Mapping[str, Any]"
@@ -264,17 +264,17 @@ class CallInputs:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Delete the temporary files; errors name arguments instead of files."""
+        """Delete the temporary files; texts of an `OcclogError` name the arguments of the call instead of files."""
         self._folder.remove()
         if isinstance(error, OcclogError):
             error.args = (self.named(str(error)),)
         SPELLING.reset(self._spelling)
 
     def rows(self, value: Source, name: str) -> Path:
-        """The file with the rows that an argument gives.
+        """Return the path of a file with the rows of an argument; rows in memory are written to a temporary one.
 
         Args:
-            value: the given value.
+            value: path, table, recording, or rows in memory.
             name: of the argument.
 
         Raises:
@@ -291,16 +291,19 @@ class CallInputs:
         return self.called(path, name)
 
     def called(self, path: Path, name: str) -> Path:
-        """Register a file under the name of an argument, for errors."""
+        """Register a file under the name of an argument, by which errors name it; return its path."""
         self._names[str(path)] = name
         return path
 
     def optional(self, value: Source | None, name: str) -> Path | None:
-        """The file with the rows that an argument gives; None for None."""
+        """Return the path of a file with the rows of an argument (as `rows`); None for None."""
         return None if value is None else self.rows(value, name)
 
     def scene(self, value: SceneSource | None) -> Path | None:
-        """The file of a scene: of a `Scene` and of a table of stations in memory a new one; None for None."""
+        """Return the path of a scene's file; None for None.
+
+        A `Scene` and a table of stations in memory are written to a temporary one.
+        """
         from .tables import Table
 
         if value is None or isinstance(value, str | os.PathLike):
@@ -320,13 +323,13 @@ class CallInputs:
         return self.called(path, "scene")
 
     def named(self, text: str) -> str:
-        """Replace file names in a message by arguments."""
+        """Return a message in which names of temporary files are replaced by those of arguments."""
         for path, name in self._names.items():
             text = text.replace(path, name)
         return text
 
     def _as_argument(self, name: str) -> str:
-        """Format a value of a request or setting as an argument."""
+        """Return the name of a request field or setting as that of the argument, for messages."""
         free = name.removeprefix("set.")
         return self._arguments.get(name, name) if free == name else f"{free}="
 

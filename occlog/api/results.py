@@ -81,7 +81,7 @@ class Result:
         return f"<occlog {type(self).__name__}: {tables or 'no tables'}{judged}>"
 
     def _repr_html_(self) -> str:
-        """Figures, warnings and losses, for a notebook."""
+        """Return HTML of the figures, warnings, losses and notes of the result, which notebooks show."""
         shown = {k: v for k, v in self._figures().items() if v not in ({}, [], ())}
         rows = "".join(
             f"<tr><th>{escape(k.replace('_', ' '))}</th><td>{escape(in_words(v))}</td></tr>" for k, v in shown.items()
@@ -92,7 +92,7 @@ class Result:
         return f"<table>{rows}</table>" + (f"<ul>{lines}</ul>" if lines else "") + self._picture()
 
     def _figures(self) -> Mapping[str, object]:
-        """Return the figures that a notebook lists."""
+        """Return the entries of the summary that a notebook lists: all without the warnings."""
         return {k: v for k, v in self.summary.items() if k != "warnings"}
 
     def _picture(self) -> str:
@@ -140,7 +140,7 @@ class DetectResult(Result):
 
     @property
     def bearings(self) -> Table:
-        """Bearings, including frames without a detection."""
+        """Table of bearings, which includes the frames without a detection."""
         return self["bearings"]
 
     @property
@@ -211,12 +211,12 @@ class OverlayResult(Result):
 
 
 def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
-    """Return the tables written into a folder, by name."""
+    """Return the tables `names` that were written into a folder, by name; missing ones are left out."""
     return {name: Table(path, home=folder) for name, path in folder.written(names).items()}
 
 
 def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split a command's notes into warnings (without the prefix) and other notes."""
+    """Split a command's notes into (warnings without the prefix, other notes)."""
     note = list(dict.fromkeys(notes))
     mark = "warning: "
     return (
@@ -226,7 +226,7 @@ def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def warn(messages: Iterable[str], losses: Iterable[Loss]) -> None:
-    """Issue Python warnings for findings at the caller's line, one each; all losses in one."""
+    """Issue Python warnings at the line of the caller outside of occlog: one for each message, one for all losses."""
     level = 1
     frame: FrameType | None = sys._getframe()
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

@@ -370,12 +370,19 @@ def ingest(
 
 
 def _paths(value: File | Sequence[File]) -> tuple[Path, ...]:
-    """Tuple of paths from one path or a sequence of paths."""
+    """Return a tuple of paths from one path or a sequence of paths."""
     return (Path(value),) if isinstance(value, str | os.PathLike) else tuple(Path(each) for each in value)
 
 
 def _named(value: object, argument: str) -> tuple[str, ...]:
-    """Return arguments of the command: `VALUE` or `NAME=VALUE`; UsageError for a name that no sensor can have."""
+    """Return an argument as the texts that the command takes: `NAME=VALUE` for mappings, else `VALUE`.
+
+    Args:
+        value: mapping from sensor to value, sequence of values, or one value; None gives ().
+        argument: its name, for messages.
+
+    UsageError for a name that no sensor can have.
+    """
     if value is None:
         return ()
     if isinstance(value, Mapping):
@@ -389,7 +396,10 @@ def _named(value: object, argument: str) -> tuple[str, ...]:
 
 
 def _text(value: object, argument: str) -> str:
-    """Format a value as typed on the command line: 10.0 is 10; UsageError for a table in memory."""
+    """Return a value as typed on the command line: 10.0 is 10.
+
+    UsageError, which names the argument, for a table in memory.
+    """
     if isinstance(value, float):
         return f"{value:.15g}"
     if getattr(value, "ndim", 0) or hasattr(value, "__arrow_c_stream__"):
@@ -398,7 +408,10 @@ def _text(value: object, argument: str) -> str:
 
 
 def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> tuple[str, ...]:
-    """Frame ranges as command-line values; UsageError for anything else."""
+    """Return frame ranges, (first, stop) of all or by camera, as the command takes them: `0:100`, `cam1=0:100`.
+
+    UsageError for other values; None gives none.
+    """
     each = frames if isinstance(frames, Mapping) else {} if frames is None else {"": frames}
     found = {n: _pair(p, "frames", len(p) == 2 and 0 <= p[0] < p[1]) or (0, 0) for n, p in each.items()}
     texts = {name: f"{first}:{stop}" for name, (first, stop) in found.items()}
@@ -406,7 +419,13 @@ def _ranges(frames: tuple[int, int] | Mapping[str, tuple[int, int]] | None) -> t
 
 
 def _pair(value: tuple[int, int] | None, name: str, fits: bool) -> tuple[int, int] | None:
-    """Two whole numbers, or None; UsageError for anything else."""
+    """Return two whole numbers as a tuple, or None for None.
+
+    Args:
+        value: (first, stop) of frames, or (width, height) of images.
+        name: of the argument, for the message.
+        fits: whether the values are valid; UsageError if not, or if there are not two.
+    """
     if value is None:
         return None
     if len(value) != 2 or not fits:
@@ -564,7 +583,10 @@ def track(
 
 
 def _method_for(source: Source, scene: object) -> str:
-    """The method that fits what is in a file, a table or a recording; the default for other values."""
+    """Return the tracking method that fits the contents of `source` and of the scene.
+
+    Files, tables and recordings are inspected; for other values it is the default method.
+    """
     path, place = (each.source if isinstance(each, Table | Recording) else each for each in (source, scene))
     if not isinstance(path, str | Path):
         return TRACK_VERB.default
@@ -572,7 +594,7 @@ def _method_for(source: Source, scene: object) -> str:
 
 
 def _scene_of(request: Request) -> Scene | None:
-    """Scene of the targets; None if no input has one."""
+    """Return the scene of the targets, from the request's scene file or its inputs; None if none has one."""
     assert isinstance(request, TrackRequestBase)
     return open_input(request.bearings).scene if request.scene is None else scene_in(request.scene)
 

@@ -57,12 +57,12 @@ class Table:
 
     @property
     def name(self) -> str:
-        """Name of the table, for example `tracks`."""
+        """Name of the kind of table, for example `tracks`."""
         return str(self._described["schema"])
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns."""
+        """Names of the columns in their order."""
         return tuple(c["name"] for c in self._described["columns"])
 
     @property
@@ -87,7 +87,7 @@ class Table:
         return tuple(Loss(**loss) for loss in self.provenance.get("losses", ()))
 
     def __len__(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         return int(self._described["rows"])
 
     def __getitem__(self, column: str) -> NDArray[Any]:
@@ -140,7 +140,7 @@ class Table:
         return frame
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
-        """The rows as an Arrow C stream, so that polars, DuckDB and others take the table as it is."""
+        """Return the rows as a PyCapsule of an Arrow C stream, so that polars, DuckDB and others can take the table."""
         return self._read(None).__arrow_c_stream__(requested_schema)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
@@ -177,7 +177,10 @@ class Table:
         run_export(request)
 
     def _read(self, columns: list[str] | None, datetimes: bool = False) -> Any:
-        """Rows of some columns; texts are not dictionary-encoded."""
+        """Return the rows of the columns (None: all) as a pyarrow table; texts are not dictionary-encoded.
+
+        `datetimes`: convert `t_ns` to time stamps (UTC).
+        """
         import pyarrow as pa
 
         from occlog.io.files.tables.parquet import open_parquet
@@ -219,7 +222,7 @@ class Table:
 
 
 def in_words(value: object) -> str:
-    """Format a value for a cell: four significant digits, empty if unknown."""
+    """Return a value as text for a cell: four significant digits, empty if unknown."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return ""
     if isinstance(value, float):

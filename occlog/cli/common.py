@@ -46,7 +46,7 @@ def add_common(command: click.Command) -> None:
 
 
 def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap the callback of a command by a check that its inputs exist.
+    """Return the callback of a command preceded by a check that its inputs exist.
 
     Errors in the command line are reported first, since settings of `--set` are checked by the callback.
     """
@@ -76,7 +76,7 @@ def _dry_run(ctx: click.Context, param: click.Parameter, given: bool) -> None:  
 
 
 def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> None:  # noqa: ARG001
-    """Callback of `-v`: print details with elapsed times, and total time and memory at the end."""
+    """Callback of the flag `-v` (`given`): print details with elapsed times, and total time and memory at the end."""
     if not given or ctx.resilient_parsing:
         return
     start, command = time.perf_counter(), ctx.info_name
@@ -116,7 +116,7 @@ def _input_units() -> click.Option:
 
 
 def _state(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> None:  # noqa: ARG001
-    """Callback: set the stated units until the command ends."""
+    """Callback of `--input-units`: make the units in `texts` hold for all files read until the command ends."""
     if texts and not ctx.resilient_parsing:
         from occlog.io.files.input_units import stated_units
 
@@ -142,7 +142,10 @@ def _origin() -> click.Option:
 
 
 def state_origin(ctx: click.Context, param: click.Parameter, text: str | None) -> Origin | None:  # noqa: ARG001
-    """Callback: set the geodetic origin until the command ends, and return it; None if not given."""
+    """Callback of an option: set the geodetic origin stated by `text` until the command ends, and return it.
+
+    None if the option is not given.
+    """
     if text is None or ctx.resilient_parsing:
         return None
     from occlog.io.files.geodetic import stated_origin
@@ -171,7 +174,10 @@ def _takes_reader(command: click.Command) -> bool:
 
 
 def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
-    """Add the settings of the reader plug-in named on the command line to a command."""
+    """Return a copy of the command with the settings of the reader plug-in that is named on the command line.
+
+    The command itself, if `words` (the arguments) name none, or it has no option `--reader`.
+    """
     name = value_after(words, "--reader")
     if name is None or isinstance(command, click.Group) or all(p.name != "reader" for p in command.params):
         return command
@@ -200,13 +206,16 @@ def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
 
 
 def _keep(values: dict[str, object], ctx: click.Context, param: click.Parameter, value: object) -> None:  # noqa: ARG001
-    """Callback: keep a setting of a reader if it was given."""
+    """Callback of an option of a reader plug-in: add its setting as text to `values`, in place, if it was given."""
     if value not in (None, ()) and isinstance(param, SettingOption):
         values[param.setting] = param.default_text(value)
 
 
 def _name_reader(chosen: Any, ctx: click.Context, param: click.Parameter, name: str | None) -> None:  # noqa: ARG001
-    """Callback: select a reader plug-in until the command ends."""
+    """Callback of the option that names a reader: read files by the plug-in `chosen` until the command ends.
+
+    `name`: value of the option; None: not given, nothing changes.
+    """
     if name is not None and not ctx.resilient_parsing:
         from occlog.io.files.texts.by_reader import named_reader
 
@@ -218,7 +227,7 @@ READER_KEY = "occlog.reader"
 
 
 def check_common(ctx: click.Context) -> None:
-    """After a command: UsageError if a stated unit, origin or reader was not used."""
+    """UsageError, after a command, if a stated unit, origin or reader was not used."""
     reader: Any = ctx.find_root().meta.get(READER_KEY)
     if reader is not None:
         reader.check_used()

@@ -37,7 +37,10 @@ class Input(click.Path):
         self.some = some
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path; for `-`, of a temporary file (allowed for one input only)."""
+        """Return the path that `value` names; for `-` that of a temporary file with all of standard input.
+
+        Usage error if `-` is given for a second input.
+        """
         if str(value) != STANDARD_INPUT or ctx is None or ctx.resilient_parsing:
             return Path(str(super().convert(value, param, ctx)))
         root = ctx.find_root()
@@ -63,7 +66,7 @@ def check_there(ctx: click.Context) -> None:
 
 
 def no_such_file(path: Path) -> InputError:
-    """Error for a missing file, with the most similar name in its folder."""
+    """Return the error for a missing file, with the most similar name in its folder."""
     return InputError(f"{path}: no such file{_nearest(path)}", id="file-not-found")
 
 
@@ -80,7 +83,7 @@ def is_missing(path: Path) -> bool:
 
 
 def _nearest(path: Path) -> str:
-    """Hint at the most similar name in the same folder."""
+    """Return a hint at the most similar name in the same folder; empty if none is similar."""
     import difflib
     import itertools
 
@@ -94,7 +97,7 @@ def _nearest(path: Path) -> str:
 
 @contextmanager
 def standard_input() -> Iterator[Path]:
-    """Context manager: copy standard input to a temporary file named `-` (the name in provenance)."""
+    """Context manager: copy standard input to a temporary file named `-` (the name in provenance); yield its path."""
     import tempfile
 
     if sys.stdin is None or sys.stdin.isatty():
@@ -107,7 +110,7 @@ def standard_input() -> Iterator[Path]:
 
 
 def _copy(path: Path) -> None:
-    """Write all of standard input to a file."""
+    """Write all of standard input to the file at `path`."""
     import shutil
 
     try:

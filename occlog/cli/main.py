@@ -194,7 +194,7 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; None for an unknown name."""
+        """Import and return the command `cmd_name` with the options that all commands have; None if unknown."""
         if cmd_name not in COMMANDS:
             return None
         from .common import add_common, with_reader
@@ -225,7 +225,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Resolve the command; suggest the most similar name for an unknown one."""
+        """Return name, command and arguments of the words `args`; the message on an unknown name suggests another."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             near = nearest(args[0], COMMANDS)
             hint = f"Did you mean {near[0]!r}?" if near else f"Commands: {', '.join(COMMANDS)}."
@@ -233,7 +233,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments; an unknown option before the command name is refused, since options go after it."""
+        """Parse `args` up to the command name; an unknown option before it is refused, since options go after it."""
         ctx.meta[WORDS] = tuple(args)
         try:
             return super().parse_args(ctx, args)
@@ -242,7 +242,7 @@ class LazyGroup(click.Group):
             ctx.fail(f"{option} before the command is unknown; options go after it: occlog COMMAND {option}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """List the commands by their groups, without importing them."""
+        """Write the list of commands by their groups into the help, without importing them."""
         width = max(map(len, COMMANDS))
         for group in dict.fromkeys(command.group for command in COMMANDS.values()):
             with formatter.section(group):
@@ -257,7 +257,7 @@ def cli() -> None:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the command line and leave the process with its exit code."""
+    """Run the command line (`args` None: that of the process), and leave the process with its exit code."""
     INTERRUPTS.install()
     streams.install()
     allow_open_files()
@@ -274,7 +274,7 @@ def _only_own_lines() -> None:
 
 
 def run(args: list[str] | None = None) -> int:
-    """Run the command line; return the exit code."""
+    """Run the command line (`args` None: that of the process), and return the exit code."""
     words = sys.argv[1:] if args is None else args
     NOTED_ONCE.clear()
     loud = QUIET.set(False)
@@ -315,7 +315,7 @@ class Explained(NamedTuple):
 
 
 def explain(error: Exception) -> Explained:
-    """Convert the error that ends a command to a line and an exit code."""
+    """Return line, exit code and id of the error that ends a command."""
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "occlog"
         message = error.format_message().rstrip(".")
@@ -342,7 +342,7 @@ def explain(error: Exception) -> Explained:
 
 
 def _id_of(error: click.UsageError) -> str:
-    """Error id of a click error."""
+    """Return the id in `docs/reference/errors.md` of an error of the command line."""
     for each in (error, error.__cause__):
         if isinstance(each, click.NoSuchOption | UnknownNameError):
             return "unknown-name"
@@ -354,7 +354,7 @@ def _id_of(error: click.UsageError) -> str:
 
 
 def _bug(error: Exception) -> str:
-    """Report of an unexpected error: kind, location, and data for a bug report."""
+    """Return the report of an unexpected error: kind, location, and data for a bug report."""
     import traceback
 
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]
@@ -368,7 +368,7 @@ def _bug(error: Exception) -> str:
 
 
 def _show_plan(as_json: bool) -> None:
-    """Print what a dry run would have done."""
+    """Print the files that a dry run would have read, written and replaced; `as_json`: as one JSON object."""
     from occlog.console.notes import named
     from occlog.console.summary import echo_summary
 
@@ -379,7 +379,7 @@ def _show_plan(as_json: bool) -> None:
 
 
 def _fail(error: Explained, words: Sequence[str]) -> int:
-    """Print an error on standard error: one line, or a JSON object with `--json`."""
+    """Print an error on standard error, one line or, with `--json` in `words`, a JSON object; return the exit code."""
     from occlog.console.notes import named
     from occlog.console.text import shortened
 
@@ -395,7 +395,13 @@ def _fail(error: Explained, words: Sequence[str]) -> int:
 
 
 def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, object]:
-    """Split an error message into parts: file at the beginning, hint after a semicolon."""
+    """Return an error message as an object with `error`, `file`, `hint` and `exit_code`.
+
+    Args:
+        message: `FILE: TEXT; HINT`; a part is the file if it is an argument or exists.
+        code: exit code of the command.
+        words: arguments of the command.
+    """
     from .input_paths import NAME
 
     before = [message[:n] for n in range(len(message)) if message.startswith(": ", n)]

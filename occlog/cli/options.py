@@ -62,14 +62,14 @@ workers_opt = click.option(
 
 
 def set_opt(example: str) -> Callable[[F], F]:
-    """`--set`, repeated, for settings without a separate option."""
+    """Decorator that adds `--set NAME=VALUE`, repeated, for settings without an option; `example` is for its help."""
     return click.option(
         "--set", "settings", multiple=True, metavar="NAME=VALUE", help=f"A setting, e.g. {example}; may be repeated."
     )
 
 
 def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
-    """`-o/--output` with its meaning for this command."""
+    """Decorator that adds the option `-o/--output`, a path, with the help `help_text`; `required`: no default."""
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)
 
 
@@ -77,7 +77,7 @@ class Finite(click.FloatRange):
     """Parameter type: number in a range, without NaN and infinity (which click accepts)."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert to the number; usage error unless finite and in range."""
+        """Return `value` as a float; usage error unless it is finite and in the range."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -85,10 +85,10 @@ class Finite(click.FloatRange):
 
 
 class AnyFinite(FloatParamType):
-    """Any number but NaN and infinity."""
+    """Parameter type of any number but NaN and infinity."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert to the number; usage error unless finite."""
+        """Return `value` as a float; usage error unless it is finite."""
         return Finite().convert(value, param, ctx)
 
 
@@ -98,11 +98,11 @@ class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
     name = "number or file"
 
     def __init__(self, low: float) -> None:
-        """Take numbers from `low` on."""
+        """Create a type that takes finite numbers of at least `low`, and paths."""
         self._number, self._path = Finite(low), click.Path(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
-        """Convert to the number, or other text to a path; usage error unless finite and at least the limit."""
+        """Return `value` as a float, or as a path if it is no number; usage error for one that is not allowed."""
         try:
             float(value)
         except (TypeError, ValueError):
@@ -117,7 +117,7 @@ class Pair(click.ParamType):  # type: ignore[type-arg,unused-ignore]
         self.name, self._size = "size" if size else "range", size
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Convert to two numbers; usage error for anything else."""
+        """Return `value`, for example `0:100` or `640x480`, as two whole numbers; usage error for anything else."""
         if isinstance(value, tuple):
             return value
         try:
@@ -139,17 +139,17 @@ LONGEST_WINDOW_S = 1e9
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Names separated by commas."""
+    """Return the names in a text, separated by commas; spaces around them and empty ones are dropped."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def parse_window(seconds: float) -> int:
-    """Window [ns] from seconds; UsageError unless finite and in the range of times."""
+    """Return a duration [ns] from seconds; UsageError unless finite and in the range of times."""
     return round(parse_seconds("--window", seconds) * 1e9)
 
 
 def parse_seconds(option: str, seconds: float) -> float:
-    """Seconds; UsageError for NaN, or for more than the range of times."""
+    """Return `seconds` as it is; UsageError, which names the option, for NaN or more than the range of times."""
     if seconds != seconds:
         raise UsageError(f"{option} {seconds}: must be a number")
     if not seconds <= LONGEST_WINDOW_S:
@@ -158,7 +158,7 @@ def parse_seconds(option: str, seconds: float) -> float:
 
 
 def parse_setting(text: str) -> tuple[str, str]:
-    """Parse NAME=VALUE of a setting."""
+    """Return (name, value) of a text `NAME=VALUE` of `--set`; UsageError for other text."""
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
         raise UsageError(f"--set {text}: expected NAME=VALUE")

@@ -29,7 +29,13 @@ from .setting_options import (
 
 
 def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -> click.Command:
-    """Create the command of a verb; its help is the docstring of the request class."""
+    """Create the command of a verb; its help is the docstring of the request class.
+
+    Args:
+        verb: request class; or several of them, chosen by an option (`Verb`) or as subcommands (`Verbs`).
+        name: of the command.
+        short_help: its line in the list of commands.
+    """
     if isinstance(verb, Verbs):
         commands: dict[str, click.Command] = {
             each: _one(request, each, line) for each, (request, line) in verb.verbs.items()
@@ -110,7 +116,7 @@ def _arguments(args: Sequence[str], known: Iterable[click.Parameter]) -> list[st
 
 
 def _variant(verb: Verb, kind: VerbKind) -> CommandVariant:
-    """Variant of one kind of request: its fields in addition to the shared ones."""
+    """Return the variant of a command for one kind of request, with the fields that are not shared by all kinds."""
     shared = {entry.name for entry in Form(verb.shared).entries()}
 
     @cache
@@ -131,7 +137,7 @@ def _settings_of(form: Form, group: str) -> type[Settings]:
 
 
 def _do_chosen(verb: Verb, /, **values: Any) -> int:
-    """Callback that runs the kind of request chosen by the arguments."""
+    """Run the kind of request that the arguments choose, and return the exit code: callback of the command."""
     name = click.get_current_context().meta[CHOSEN]
     kind = verb.kind(name)
     assert kind is not None  # checked when the command was parsed
@@ -153,7 +159,17 @@ def _do(
     settings: Collection[str] = (),
     **values: Any,
 ) -> int:
-    """Build the request from the options, run it, and report its result."""
+    """Build the request from the options, run it, print its result, and return the exit code.
+
+    Args:
+        form: of the request.
+        overwrite: replace outputs that exist.
+        quiet: print no notes and no progress.
+        as_json: print the summary as one JSON object.
+        strict: exit with code 6 if a consistency check fails.
+        settings: texts `NAME=VALUE` of `--set`.
+        **values: values of the other options by name.
+    """
     request = request_of(form, values, settings)
     from occlog.runner import exit_code, run
 
@@ -172,7 +188,13 @@ def _do(
 
 
 def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Request:
-    """Build the request from parameter values and the texts of `--set`."""
+    """Build the request from the options of a command.
+
+    Args:
+        form: of the request.
+        values: values of the options by parameter name; None or () is not given.
+        settings: texts `NAME=VALUE` of `--set`.
+    """
     given: dict[str, Any] = {}
     for entry in form.entries():
         value = values.get(entry.name)
@@ -185,7 +207,10 @@ def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = 
 
 
 def _param(entry: RequestEntry, verb: Verb | None = None) -> click.Parameter:
-    """Click parameter of one field of a request."""
+    """Return the click option or argument of one field of a request.
+
+    `verb`: verb of several requests; its kinds are the names that an option which chooses among them takes.
+    """
     of = entry.file
     if (plugged := entry.plugged) is not None:
         return click.Option([plugged.option, entry.of.name], multiple=True, metavar="NAME", help=plugged.help)
@@ -218,7 +243,7 @@ def _strict(request: type[Request]) -> list[click.Option]:
 
 
 def _common(example: str) -> list[click.Option]:
-    """Options of every request: settings, outputs that are replaced, quiet, JSON."""
+    """Return the options of every request: --set, --overwrite, --quiet and --json; no --set if `example` is empty."""
     decorators = [options.set_opt(example)] if example else []
     decorators += [options.overwrite_opt, options.quiet_opt, options.json_opt]
     return [_made(each) for each in decorators]
@@ -228,7 +253,7 @@ def _made(decorator: Callable[[Any], Any]) -> click.Option:
     """The option that a click decorator adds to a function."""
 
     def function() -> None:
-        """Receive the option."""
+        """Do nothing: function on which the decorator of an option leaves its click parameter."""
 
     decorator(function)
     option: click.Option = function.__dict__["__click_params__"][0]

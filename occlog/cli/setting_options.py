@@ -86,7 +86,7 @@ class SettingOption(click.Option):
         )
 
     def default_text(self, value: Any) -> Any:
-        """Convert an option value to a value of the setting, in its own unit."""
+        """Return an option value as a value of the setting, in its own unit."""
         return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:
@@ -95,7 +95,10 @@ class SettingOption(click.Option):
 
 
 def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]:
-    """Click type of the option's value, with the declared range."""
+    """Return the click type for values of the settings field `f`, with the declared range or choices.
+
+    Limits are in the unit of the option (`Declaration.scale`).
+    """
     spec, kind = declaration(f), plain_kind(kind_of(settings, f.name))
     if spec.frames or spec.size:
         return FRAMES if spec.frames else SIZE
@@ -115,7 +118,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
 
 
 def default_words(f: Field[object]) -> str:
-    """Text of a default: `1.7 m, or 3.33 in a scene-specific unit`."""
+    """Return the default of the settings field `f` as text: `1.7 m, or 3.33 in a scene-specific unit`."""
     spec = declaration(f)
     if spec.shown is not None:
         return spec.shown
@@ -130,7 +133,7 @@ def default_words(f: Field[object]) -> str:
 
 
 def value_words(f: Field[object], value: object) -> str:
-    """Format a value as typed on the command line."""
+    """Return a value of the settings field `f` as typed on the command line."""
     if value is None:
         return declaration(f).nothing or "none"
     if isinstance(value, bool):
@@ -156,7 +159,7 @@ def with_options(
 
 
 def add_options(added: Sequence[click.Option]) -> Callable[[F], F]:
-    """Decorator that adds options to a command."""
+    """Return a decorator that adds the options to a command, in their order."""
 
     def decorate(command: F) -> F:
         for option in reversed(added):
@@ -182,7 +185,15 @@ def options_of(
     prefix: str = "",
     under: str = "",
 ) -> list[SettingOption]:
-    """Options of the settings that declare one, in the order of declaration; see `SettingOption`."""
+    """Return the options of those fields of a settings class that declare one, in the order of declaration.
+
+    Args:
+        settings: the class.
+        only: names of fields; empty: all.
+        without: names of fields that are left out.
+        prefix: put before the names of the parameters.
+        under: group or plug-in that the options belong to, see `SettingOption`.
+    """
     return [
         SettingOption(settings, f, prefix, under)
         for f in declared(settings)
@@ -191,14 +202,20 @@ def options_of(
 
 
 def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str = "") -> dict[str, Any]:
-    """Values of a settings class's options that were given."""
+    """Return the settings that were given by options, by name of the field, in the unit of the setting.
+
+    Args:
+        settings: class whose options are taken.
+        values: values of all options by parameter name; None or () is not given.
+        prefix: before the names of its parameters.
+    """
     wanted = {f.name: declaration(f) for f in declared(settings) if declaration(f).option is not None}
     found = {name: values.get(prefix + name) for name in wanted}
     return {name: in_own_unit(value, wanted[name]) for name, value in found.items() if value not in (None, ())}
 
 
 def in_own_unit(value: Any, spec: Declaration) -> Any:
-    """Convert an option value to the setting's unit."""
+    """Return an option value as a value of the setting: times `spec.scale`, or the names of a repeated option."""
     if spec.repeat:
         texts = () if spec.whole else (text for text in value if isinstance(text, str))
         return tuple(name for text in texts for name in listed(text)) or tuple(value)
@@ -206,13 +223,13 @@ def in_own_unit(value: Any, spec: Declaration) -> Any:
 
 
 def flag_of(settings: type[Settings], name: str) -> str:
-    """Spelling of a setting's option: `--shadows/--no-shadows`."""
+    """Return how the setting `name` is given on the command line: `--shadows/--no-shadows`, or `--set name=`."""
     option = next(declaration(f).option for f in declared(settings) if f.name == name)
     return option or f"--set {name}="
 
 
 def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
-    """Name and description of each setting without an option, for --help."""
+    """Return name and description of each setting without an option, for --help; `without`: names left out."""
     rows = []
     for f in declared(settings):
         spec = declaration(f)
@@ -223,7 +240,7 @@ def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> 
 
 
 def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[Settings]) -> None:
-    """Write the section of --help with settings that have no option."""
+    """Write a section of --help, under `heading`, with the settings that have no option; none if there are none."""
     rows = settings_table(settings)
     if rows:
         with formatter.section(heading):
@@ -231,7 +248,7 @@ def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[
 
 
 def unknown_option(name: str, params: Iterable[click.Parameter]) -> str:
-    """Message about an unknown option, with the most similar ones of the command."""
+    """Return the message about the unknown option `name`, with up to three similar ones among `params`."""
     near = nearest(name, [flag for each in params for flag in (*each.opts, *each.secondary_opts)], n=3)
     return f"No such option {name!r}." + (f" Did you mean {' or '.join(map(repr, near))}?" if near else "")
 
@@ -267,7 +284,7 @@ class SettingsCommand(click.Command):
         self.settings = settings
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options, then the settings for --set."""
+        """Write the sections of --help: the options, then the settings for --set."""
         super().format_options(ctx, formatter)
         if self.settings is not None:
             write_settings(formatter, "Settings (--set NAME=VALUE)", self.settings())
@@ -281,7 +298,7 @@ class SettingsCommand(click.Command):
             raise self.refused(ctx, error) from error
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:  # noqa: ARG002
-        """Settings classes that --set accepts."""
+        """Return the settings classes that --set accepts: one, or none if the command has no settings."""
         return () if self.settings is None else (self.settings(),)
 
     def check_set(self, ctx: click.Context) -> None:
@@ -299,7 +316,7 @@ class SettingsCommand(click.Command):
                 raise self.refused(ctx, error) from error
 
     def refused(self, ctx: click.Context, error: SettingError) -> click.UsageError:
-        """The error with the option that the user typed, or with the setting's name."""
+        """Return the usage error for a SettingError, with the option that the user typed, or the setting's name."""
         limit = f"must be {error.limit}"
         for param in self.get_params(ctx):
             about = param.is_of(error) if isinstance(param, SettingOption) else param.name == error.setting
@@ -365,7 +382,10 @@ class VariantCommand(SettingsCommand):
         return [*shared[: len(shared) - len(last)], *own, *last]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Choose the variant, then parse; for an option of other variants, the error names these."""
+        """Choose the variant named in `args`, parse with its options, and return the words that are left.
+
+        Usage error for an unknown variant, an option of other variants (which it names), or an argument too many.
+        """
         name = self.choose(args)
         if name is not None and self.variant(name) is None:
             names = [*self.variants, *self.more()]
@@ -384,7 +404,7 @@ class VariantCommand(SettingsCommand):
         return left
 
     def _refusal(self, error: click.NoSuchOption, name: str) -> str:
-        """Error for an option of other variants, with the remedy; click's own error if no variant has it."""
+        """Return the message on an option of other variants than `name`, with the remedy; click's if none has it."""
         owners = [
             other
             for other, variant in self.variants.items()
@@ -400,18 +420,18 @@ class VariantCommand(SettingsCommand):
         return self.existing(ctx.meta[CHOSEN]).settings()
 
     def called(self, name: str) -> str:
-        """Option that chooses a variant: `--method apf`."""
+        """Return the words that choose the variant `name`, for example `--method apf`."""
         own = self.existing(name).called
         return self.chosen_by.format(name) if own is None else own
 
     def _named(self, names: Sequence[str]) -> str:
-        """Format variants as they are chosen: `--method apf, imm`."""
+        """Return the words that choose the variants `names`: `--method apf, imm`."""
         alike = [n for n in names if self.variants[n].called is None]
         own = [self.called(n) for n in names if n not in alike]
         return ", ".join([*own, *([self.chosen_by.format(", ".join(alike))] if alike else [])])
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the shared options, the variant's options and settings, and one line per other variant."""
+        """Write the sections of --help: shared options, options and settings of the chosen variant, all variants."""
         name = ctx.meta.get(CHOSEN)
         own_names = {p.name for p in (self.existing(name).params() if name else ())}
         shared = help_rows(ctx, [p for p in self.get_params(ctx) if p.name not in own_names])
@@ -426,7 +446,7 @@ class VariantCommand(SettingsCommand):
                 formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the help of the chosen variant if it has its own, else that of the command."""
+        """Write the text of --help: that of the chosen variant if it has its own, else that of the command."""
         name = ctx.meta.get(CHOSEN)
         chosen = None if name is None else self.existing(name)
         if chosen is None or chosen.about is None:
@@ -437,7 +457,7 @@ class VariantCommand(SettingsCommand):
             formatter.write_text(f"{name}: {chosen.summary}.\n\n{inspect.cleandoc(chosen.about)}")
 
     def _format_own(self, ctx: click.Context, formatter: click.HelpFormatter, name: str) -> None:
-        """Write the options of one variant."""
+        """Write sections of --help with the options and settings of the variant `name`."""
         chosen = self.existing(name)
         rows = help_rows(ctx, chosen.params())
         if rows:
@@ -448,23 +468,23 @@ class VariantCommand(SettingsCommand):
 
 
 def _texts_of_set(ctx: click.Context) -> Sequence[str]:
-    """Values of --set, NAME=VALUE each; empty for commands without it."""
+    """Return the texts NAME=VALUE of --set; empty for commands without it."""
     there = any(SET in param.opts for param in ctx.command.params)
     return ctx.params.get("settings", ()) if there else ()
 
 
 def help_rows(ctx: click.Context, params: Sequence[click.Parameter]) -> list[tuple[str, str]]:
-    """Rows of --help for the parameters that are visible options."""
+    """Return (option, help) for each of the parameters that is a visible option."""
     return [row for p in params if isinstance(p, click.Option) and (row := p.get_help_record(ctx)) is not None]
 
 
 def value_after(args: Sequence[str], flag: str) -> str | None:
-    """Value of an option in the arguments, the last one if repeated; None if not given."""
+    """Return the value of the option `flag` in `args`, the last one if repeated; None if not given."""
     return next(iter(values_after(args, flag)[::-1]), None)
 
 
 def values_after(args: Sequence[str], flag: str) -> list[str]:
-    """All values of an option in the arguments, in order."""
+    """Return all values of the option `flag` (`FLAG VALUE`, `FLAG=VALUE`) in `args`, in order, up to `--`."""
     found = []
     for i, arg in enumerate(args):
         if arg == "--":
@@ -501,13 +521,13 @@ class PluggedCommand(SettingsCommand):
         return [*shared[: len(shared) - len(last)], *own, *last]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Find the plug-ins named in the arguments, then parse."""
+        """Add the options of the plug-ins named in `args`, parse, and return the words that are left."""
         if not ctx.resilient_parsing:
             ctx.meta[CHOSEN_PLUGINS] = self.options_of(values_after(args, self.flag))
         return super().parse_args(ctx, args)
 
     def options_of(self, names: Iterable[str]) -> dict[Plugin, list[SettingOption]]:
-        """Options of named plug-ins; UsageError for a name that is neither built in nor a plug-in."""
+        """Return the options of each plug-in in `names`; UsageError for a name neither built in nor of a plug-in."""
         found = {}
         for name in names:
             if name not in self.ours:
@@ -516,7 +536,7 @@ class PluggedCommand(SettingsCommand):
         return found
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the command's own options and those of the named plug-ins, or a list of installed plug-ins."""
+        """Write the sections of --help: own options, and those of the named plug-ins, or a list of installed ones."""
         chosen = ctx.meta.pop(CHOSEN_PLUGINS, {})
         super().format_options(ctx, formatter)
         ctx.meta[CHOSEN_PLUGINS] = chosen
@@ -533,7 +553,14 @@ class PluggedCommand(SettingsCommand):
 
 
 def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugin:
-    """The plug-in of a name and kind; UsageError, with the most similar name, if missing."""
+    """Return the plug-in of a name and kind; UsageError, with the most similar name, if missing.
+
+    Args:
+        name: of the plug-in.
+        kind: of the plug-in, for example `filter`.
+        flag: option that named it, for the message.
+        ours: names of occlog itself that the option takes, for the suggestion.
+    """
     plugin = find(name, kind)
     if plugin is None:
         names = [*ours, *(each.name for each in installed(kind))]
@@ -542,7 +569,10 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
 
 
 def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[SettingOption]:
-    """An option for each setting of a plug-in; PluginError if the command has an option of that name."""
+    """Return an option for each setting of a plug-in.
+
+    `there`: parameters of the command; PluginError if one of them has the name of such an option.
+    """
     settings = plugin.load().settings
     taken = {name for param in there for name in (*param.opts, *param.secondary_opts)}
     found = [SettingOption(settings, f, _prefix(plugin), plugin.name) for f in declared(settings)]
@@ -554,7 +584,7 @@ def plugin_options(plugin: Plugin, there: Sequence[click.Parameter]) -> list[Set
 
 
 def chosen_in(ctx: click.Context, values: Mapping[str, object]) -> tuple[Chosen, ...]:
-    """Plug-ins named in the arguments, with their settings from the option values."""
+    """Return the plug-ins named in the arguments, with their settings from the option values."""
     plugins: dict[Plugin, list[SettingOption]] = ctx.meta.get(CHOSEN_PLUGINS, {})
     out = []
     for plugin, options in plugins.items():

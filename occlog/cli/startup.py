@@ -40,7 +40,7 @@ def with_compile_notice() -> Iterator[None]:
 
 
 def remember_quiet(ctx: click.Context, param: click.Parameter, given: bool) -> bool:  # noqa: ARG001
-    """Callback: store `--quiet` until the command ends."""
+    """Callback of `--quiet`: return its value `given`, and hold it in `QUIET` until the command ends."""
     token = QUIET.set(given)
     ctx.call_on_close(lambda: QUIET.reset(token))
     return given

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class ReaderGoneError(OcclogError):
-    """The reader of standard output has closed it."""
+    """Raised if the program that reads standard output has closed it."""
 
     exit_code = ExitCode.PIPE
 
@@ -32,7 +32,7 @@ class _Output(io.FileIO):
     """A standard stream; after a failure, further output is discarded."""
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Write bytes; a failure is reported once."""
+        """Write `data` and return the number of bytes; the first failure is reported, later ones write nowhere."""
         try:
             return super().write(data)
         except OSError as error:
@@ -51,7 +51,7 @@ class _Text(io.TextIOWrapper):
     bars = False
 
     def write(self, text: str, /) -> int:
-        """Write a text; a byte that is not UTF-8 is written as an escape."""
+        """Write a text, and return the number of its characters; a byte that is not UTF-8 is written as an escape."""
         super().write(escaped(text, bars=self.bars))
         return len(text)
 

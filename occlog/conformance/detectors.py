@@ -19,7 +19,7 @@ SIZE = (120, 160)
 
 
 def image(k: int, size: tuple[int, int] = SIZE) -> Image:
-    """The k-th image of a film: two bright figures walk through a grey room with noise."""
+    """Return the image k of a film, (height, width, 3): two bright figures walk through a grey room with noise."""
     high, wide = size
     rng = np.random.default_rng(k)
     out = rng.normal(60.0, 3.0, (high, wide, 3))
@@ -30,7 +30,16 @@ def image(k: int, size: tuple[int, int] = SIZE) -> Image:
 
 
 def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = None) -> list[Detected]:
-    """Run a detector on images; BrokenError where it fails, or returns impossible boxes."""
+    """Run a detector of class `of` on images and return its detections of each.
+
+    Args:
+        of: class of the plug-in.
+        images: frames in the order of time.
+        what: words for the call in messages.
+        own: detector that goes on; None: a new one.
+
+    BrokenError if it raises, or returns impossible boxes.
+    """
     with called("a new detector"):
         seeing = start(of) if own is None else own
     found = []
@@ -44,23 +53,26 @@ def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = N
 
 
 def start(of: Any, seed: int = 1) -> Any:
-    """A new detector with its defaults."""
+    """Return a new detector of class `of` with its default settings and random numbers of `seed`."""
     return of(defaults(of), np.random.default_rng(seed))
 
 
 def as_bytes(found: Iterable[Detected]) -> list[tuple[bytes, ...]]:
-    """Boxes, to be compared."""
+    """Return boxes, scores and embeddings of each image as bytes of float64, for an exact comparison."""
     values = [(each.boxes, each.scores, () if each.embeddings is None else each.embeddings) for each in found]
     return [tuple(np.asarray(v, dtype=np.float64).tobytes() for v in each) for each in values]
 
 
 def use(of: Any) -> list[tuple[bytes, ...]]:
-    """Detections in a short film."""
+    """Run the detector class `of` on four images; return its detections as bytes (`as_bytes`)."""
     return as_bytes(film(of, (image(k) for k in range(4))))
 
 
 def _refuse(of: Any, *starts: str, rest: bool = False) -> None:
-    """BrokenError where something of that kind is wrong; with `rest`, anything else."""
+    """BrokenError if what the detector returns has a fault that begins with one of these texts.
+
+    `rest`: if it has a fault that begins with none of them.
+    """
     try:
         own = start(of)
         found = [own.detect(image(k)) for k in range(4)]
@@ -73,27 +85,27 @@ def _refuse(of: Any, *starts: str, rest: bool = False) -> None:
 
 
 def check_shape(of: Any) -> None:
-    """A `Detected` with a score for each box is given back."""
+    """Check that `detect` returns a `Detected` with a score for each box."""
     _refuse(of, "boxes are not finite", "embeddings are not finite", "box ", "score ", rest=True)
 
 
 def check_finite(of: Any) -> None:
-    """Boxes and embeddings are numbers."""
+    """Check that the boxes and embeddings which a detector returns are finite numbers."""
     _refuse(of, "boxes are not finite", "embeddings are not finite")
 
 
 def check_sizes(of: Any) -> None:
-    """Widths and heights are above 0."""
+    """Check that widths and heights of the returned boxes are above 0."""
     _refuse(of, "box ")
 
 
 def check_scores(of: Any) -> None:
-    """Scores are 0 to 1."""
+    """Check that the returned scores are from 0 to 1."""
     _refuse(of, "score ")
 
 
 def check_inside(of: Any) -> None:
-    """Boxes meet the image: edges are pixels of the image that is given, not shares or another size."""
+    """Check that boxes meet the image: edges are pixels of the image that is given, not shares or another size."""
     high, wide = SIZE
     for each in film(of, (image(k) for k in range(4))):
         for left, top, width, height in np.asarray(each.boxes, dtype=np.float64).reshape(-1, 4).tolist():
@@ -105,7 +117,7 @@ def check_inside(of: Any) -> None:
 
 
 def check_embeddings(of: Any) -> None:
-    """Embeddings are of one length in all images."""
+    """Check that embeddings are of one length in all images."""
     found = film(of, (image(k) for k in range(4)))
     without_embeddings = {each.embeddings is None for each in found}
     lengths = {np.shape(each.embeddings)[1] for each in found if each.embeddings is not None and len(each.boxes)}
@@ -116,7 +128,7 @@ def check_embeddings(of: Any) -> None:
 
 
 def check_independent(of: Any) -> None:
-    """A detector does not know of other cameras."""
+    """Check that detectors of several cameras do not influence each other."""
     alone = film(of, (image(k) for k in range(4)))
     with called("a new detector"):
         first, second = start(of), start(of)
@@ -129,7 +141,7 @@ def check_independent(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """The image stays as it is."""
+    """Check that a detector leaves the given image unchanged."""
     for k in range(4):
         given = image(k)
         film(of, [given])
@@ -138,7 +150,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_results(of: Any) -> None:
-    """Check that returned arrays do not change later."""
+    """Check that returned arrays do not change at later calls."""
     with called("a new detector"):
         own = start(of)
     kept = []
@@ -150,14 +162,14 @@ def check_results(of: Any) -> None:
 
 
 def check_read_only(of: Any) -> None:
-    """Images may be read only."""
+    """Check that a detector accepts an image whose array is read-only."""
     given = image(0)
     given.flags.writeable = False
     film(of, [given], "an image that is read only: detect")
 
 
 def check_strided(of: Any) -> None:
-    """Check images that are not contiguous in memory."""
+    """Check that an image that is not contiguous in memory gives the same boxes as its copy."""
     wide = np.zeros((SIZE[0], 2 * SIZE[1], 3), dtype=np.uint8)
     wide[:, ::2] = image(1)
     if as_bytes(film(of, [wide[:, ::2]], "an image with gaps in memory: detect")) != as_bytes(film(of, [image(1)])):
@@ -165,19 +177,19 @@ def check_strided(of: Any) -> None:
 
 
 def check_empty(of: Any) -> None:
-    """Check images of one colour, in which no person is present."""
+    """Check that a detector accepts images of one colour, in which no person is present."""
     for value in (0, 128, 255):
         film(of, [np.full((*SIZE, 3), value, dtype=np.uint8)], f"an image of the colour {value}: detect")
 
 
 def check_noise(of: Any) -> None:
-    """Images of noise are no reason to fail."""
+    """Check that a detector accepts images of noise."""
     rng = np.random.default_rng(9)
     film(of, [rng.integers(0, 256, (*SIZE, 3)).astype(np.uint8)], "an image of noise: detect")
 
 
 def check_small(of: Any) -> None:
-    """Images may be small, and of any shape."""
+    """Check that a detector accepts small images of any shape."""
     for size in ((16, 24), (241, 63)):
         film(of, [image(0, size)], f"an image of {size[1]} x {size[0]} px: detect")
 

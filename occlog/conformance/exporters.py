@@ -21,12 +21,22 @@ GROWTH_BYTES = 2_000
 
 
 def taken(of: Any) -> Iterator[ColumnTable]:
-    """A sample of each table that an exporter takes."""
+    """Generate a sample of each table that an exporter takes."""
     yield from (SAMPLES[name]() for name in of.tables if name in SAMPLES)
 
 
 def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = None) -> bytes:
-    """Run an exporter and return its output; BrokenError where it fails."""
+    """Run an exporter of class `of` on a table and return the bytes that it writes.
+
+    Args:
+        of: class of the plug-in.
+        rows: table to export.
+        what: words for the call in messages.
+        unit: unit of the lengths of the table.
+        own: exporter that goes on; None: a new one.
+
+    BrokenError if it raises, or closes the file.
+    """
     file = io.BytesIO()
     with called(what):
         (of(defaults(of, unit)) if own is None else own).write(rows, ExportContext(unit, SCENE), Sink(file))
@@ -36,12 +46,12 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
 
 
 def use(of: Any) -> list[bytes]:
-    """Output of all samples."""
+    """Return the bytes that a new exporter writes for each sample table that it takes."""
     return [write(of, rows, f"writing {rows.NAME}") for rows in taken(of)]
 
 
 def check_tables(of: Any) -> None:
-    """Tables are names of this program's, and a sample of one is here."""
+    """Check that the tables which the exporter takes are occlog's, and there is a sample of one of them."""
     if not isinstance(of.tables, tuple) or not of.tables:
         raise BrokenError("tables must be a tuple of names, as ('tracks',)")
     for name in of.tables:
@@ -52,14 +62,14 @@ def check_tables(of: Any) -> None:
 
 
 def check_writes(of: Any) -> None:
-    """Every table that is taken can be written, and something is written."""
+    """Check that each table which the exporter takes can be written, with some output."""
     for rows in taken(of):
         if not write(of, rows, f"writing {rows.NAME}"):
             raise BrokenError(f"of {len(rows)} rows of {rows.NAME} nothing is written")
 
 
 def check_rows(of: Any) -> None:
-    """Check that the output depends on each row."""
+    """Check that the output depends on the first and on the last row."""
     for rows in taken(of):
         whole = write(of, rows, f"writing {rows.NAME}")
         for name, row in (("first", 0), ("last", -1)):
@@ -70,7 +80,7 @@ def check_rows(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """The rows stay as they are."""
+    """Check that an exporter leaves the rows of each sample table unchanged."""
     for rows in taken(of):
         before = {c.name: getattr(rows, c.name).tobytes() for c in rows.columns()}
         write(of, rows, f"writing {rows.NAME}")
@@ -80,32 +90,32 @@ def check_inputs(of: Any) -> None:
 
 
 def check_empty(of: Any) -> None:
-    """A table without rows can be written."""
+    """Check that a table without rows can be written."""
     for rows in taken(of):
         write(of, type(rows).empty(), f"writing {rows.NAME} without rows")
 
 
 def check_one_row(of: Any) -> None:
-    """A single row can be written."""
+    """Check that a table of one row can be written."""
     for rows in taken(of):
         write(of, rows.take(slice(0, 1)), f"writing one row of {rows.NAME}")
 
 
 def check_absent_values(of: Any) -> None:
-    """Columns that may be NaN can be."""
+    """Check that tables can be written with NaN in all columns that may be NaN."""
     for rows in taken(of):
         write(of, with_gaps(rows), f"writing {rows.NAME} with NaN wherever it may be")
 
 
 def check_names(of: Any) -> None:
-    """Names of sensors may have blanks, marks and any letters."""
+    """Check that an exporter accepts names of sensors with blanks, marks and any letters."""
     for rows in taken(of):
         if hasattr(rows, "sensor"):
             write(of, with_names(rows, 'Tür 2, "süd"; ☂'), f"writing {rows.NAME} of a sensor with marks in its name")
 
 
 def check_old_times(of: Any) -> None:
-    """Times may count from 0, or be before 1970."""
+    """Check that tables with times before 1970 (negative) can be written."""
     for rows in taken(of):
         columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
         early = type(rows).of(**{**columns, "t_ns": rows.t_ns - int(rows.t_ns[0]) - 10**9})  # type: ignore[attr-defined]
@@ -113,7 +123,7 @@ def check_old_times(of: Any) -> None:
 
 
 def check_exact_times(of: Any) -> None:
-    """Times that differ are distinguished."""
+    """Check that the output differs if all times are 1 ms later."""
     for rows in taken(of):
         columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
         later = type(rows).of(**{**columns, "t_ns": rows.t_ns + np.int64(10**6)})  # type: ignore[attr-defined]
@@ -124,14 +134,14 @@ def check_exact_times(of: Any) -> None:
 
 
 def check_unit(of: Any) -> None:
-    """Lengths may be in centimetres, or in a scene-specific unit."""
+    """Check that tables with lengths in centimetres and in a scene-specific unit can be written."""
     for rows in taken(of):
         for unit, factor in (("cm", 100.0), ("cell", 1.0)):
             write(of, in_unit(rows, factor), f"writing {rows.NAME} in {unit}", unit=unit)
 
 
 def check_reuse(of: Any) -> None:
-    """An exporter can write several files."""
+    """Check that one exporter writes the same table twice with equal output."""
     own = of(defaults(of))
     for rows in taken(of):
         first = write(of, rows, "writing", own=own)

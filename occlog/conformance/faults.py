@@ -21,14 +21,14 @@ from occlog.settings import Settings
 
 
 class Fault(NamedTuple):
-    """A promise that is broken: which, and how."""
+    """Promise that a plug-in breaks: name of the check, and a sentence on how."""
 
     check: str
     sentence: str
 
 
 class BrokenError(Exception):
-    """A check found a fault."""
+    """Raised by a check that finds a fault in a plug-in; the message states how its promise is broken."""
 
 
 Check = Callable[[Any], None]
@@ -37,7 +37,10 @@ Check = Callable[[Any], None]
 
 @contextmanager
 def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
-    """BrokenError if the code inside raises anything but a refusal."""
+    """Context manager: turn any error of the code inside into a BrokenError; `refusals` are raised as they are.
+
+    `what`: words for the call in the message.
+    """
     try:
         yield
     except Exception as error:
@@ -47,18 +50,18 @@ def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
 
 
 def words(error: BaseException) -> str:
-    """Type and message of an error in one line."""
+    """Return type and message of an error in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
 
 
 def defaults(of: Any, length_unit: str = "m") -> Settings:
-    """The default settings of a plug-in."""
+    """Return the default settings of the plug-in class `of` for lengths in `length_unit`."""
     found: Settings = of.settings.in_unit(length_unit)
     return found
 
 
 def check_interface(of: Any) -> None:
-    """The summary is a line, and the settings are declared as this program's are."""
+    """Check that a plug-in class has a summary of one line, and settings that are a dataclass derived from Settings."""
     if not isinstance(of.summary, str) or not of.summary.strip() or "\n" in of.summary:
         raise BrokenError("summary must be one line of text")
     if not (isinstance(of.settings, type) and issubclass(of.settings, Settings) and is_dataclass(of.settings)):
@@ -66,7 +69,7 @@ def check_interface(of: Any) -> None:
 
 
 def check_settings(of: Any) -> None:
-    """Every setting is declared with a help text, and its default is in its range in every unit."""
+    """Check that all settings are declared with a help text, and have valid defaults in every unit."""
     for f in fields(of.settings):
         reported = f.metadata.get("setting")
         if reported is None or not reported.help.strip():
@@ -79,7 +82,10 @@ def check_settings(of: Any) -> None:
 
 
 def bytes_left(steps: Iterable[object], first: int) -> float:
-    """Bytes of memory that each step leaves behind, of those after the first ones, on average."""
+    """Return the bytes of memory that a step leaves behind, on average over the steps after the `first` ones.
+
+    `steps`: generates the steps, each when it is asked for.
+    """
     size, count = 0, 0
     tracemalloc.start()
     try:
@@ -164,7 +170,10 @@ USES = 5
 
 
 def faults_by(checks: Mapping[str, Check], of: Any) -> list[Fault]:
-    """The promises that a class breaks; where the interface itself is broken nothing else is tried."""
+    """Run the checks on the plug-in class `of`; return a `Fault` for each that fails, under its name in `checks`.
+
+    Its output and warnings are dropped. After a fault of the interface itself (`FIRST`) no other check is run.
+    """
     found = []
     for name, check in checks.items():
         try:

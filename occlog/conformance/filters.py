@@ -32,13 +32,25 @@ Of = type[Filter]
 def run(
     of: Of, walk: Iterable[TargetScan], *, scene: SampleWalk = PLAIN, seed: int = 1
 ) -> list[EstimatedPosition | None]:
-    """Run a filter on a walk; BrokenError where it fails, or returns an impossible position."""
+    """Run a new filter of class `of` on the scans of a walk; return its estimate at each, None where there is none.
+
+    Args:
+        of: class of the filter.
+        walk: time steps, in order.
+        scene: sample walk that gives the sensors and the unit of length.
+        seed: of its random numbers.
+
+    BrokenError if it raises, or returns an impossible position.
+    """
     own = start(of, scene, seed)
     return [step(own, scan) for scan in walk]
 
 
 def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
-    """A new filter with its defaults."""
+    """Return a new filter of class `of` with default settings, the sensors of `scene` and random numbers of `seed`.
+
+    BrokenError if its constructor raises.
+    """
     try:
         return of(scene.scene, of.settings.in_unit(scene.scene.length_unit), np.random.default_rng(seed))
     except Exception as error:
@@ -46,7 +58,10 @@ def start(of: Of, scene: SampleWalk = PLAIN, seed: int = 1) -> Filter:
 
 
 def step(own: Filter, scan: TargetScan) -> EstimatedPosition | None:
-    """A step; BrokenError as in `run`."""
+    """Return the estimate of the filter `own` at a time step, or None.
+
+    BrokenError if it raises, or returns an impossible position.
+    """
     try:
         estimate = own.step(scan)
     except Exception as error:
@@ -62,7 +77,16 @@ def _bytes(estimates: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, .
 
 
 def _alike(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> None:
-    """BrokenError unless the filter finds in another world what it finds in the plain one."""
+    """Check that a filter finds the same positions in a shifted or scaled world as in the plain one.
+
+    Args:
+        of: class of the filter.
+        walk: the other world.
+        scans: time steps in it.
+        what: words for that world in messages.
+
+    BrokenError if, after `SETTLED` steps, positions differ by more than `SAME` standard deviations.
+    """
     plain, other = run(of, PLAIN), run(of, scans, scene=walk)
     for n, (a, b) in enumerate(zip(plain, other, strict=True)):
         if n < SETTLED:
@@ -78,7 +102,7 @@ def _alike(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> 
 
 
 def check_shape(of: Of) -> None:
-    """Positions are `EstimatedPosition`s of the right shapes."""
+    """Check that estimates are `EstimatedPosition`s with arrays of the declared shapes."""
     for estimate in _raw(of):
         wrong = None if estimate is None else fault_of(estimate)
         if wrong is not None and "definite" not in wrong and "symmetric" not in wrong and "finite" not in wrong:
@@ -86,17 +110,17 @@ def check_shape(of: Of) -> None:
 
 
 def check_finite(of: Of) -> None:
-    """Positions are numbers."""
+    """Check that estimated positions and covariances are finite."""
     _refuse(of, "finite")
 
 
 def check_symmetric(of: Of) -> None:
-    """Covariances are symmetric."""
+    """Check that covariances of estimates are symmetric."""
     _refuse(of, "symmetric")
 
 
 def check_definite(of: Of) -> None:
-    """Covariances are positive definite."""
+    """Check that covariances of estimates are positive definite."""
     _refuse(of, "definite")
 
 
@@ -108,7 +132,7 @@ def _refuse(of: Of, word: str) -> None:
 
 
 def _raw(of: Of) -> list[EstimatedPosition | None]:
-    """Run a filter on the plain walk; empty where it fails, which other checks report."""
+    """Return what a filter gives for the plain walk, unchecked; empty if it raises, which other checks report."""
     try:
         own = start(of)
         return [own.step(scan) for scan in PLAIN]
@@ -117,7 +141,7 @@ def _raw(of: Of) -> list[EstimatedPosition | None]:
 
 
 def check_follows(of: Of) -> None:
-    """A target that three sensors see is found."""
+    """Check that a target which three sensors see is found, within `FARTHEST_M` RMS."""
     estimates = run(of, PLAIN)[SETTLED:]
     off = [np.asarray(p.xy) - xy for p, xy in zip(estimates, PLAIN.truth[SETTLED:], strict=True) if p is not None]
     if len(off) < len(estimates):
@@ -130,7 +154,7 @@ def check_follows(of: Of) -> None:
 
 
 def check_consistent(of: Of) -> None:
-    """Errors are about as large as covariances state."""
+    """Check that errors are about as large as covariances state."""
     estimates = run(of, PLAIN)[SETTLED:]
     found = [
         (np.asarray(p.xy) - xy) @ np.linalg.solve(np.asarray(p.covariance), np.asarray(p.xy) - xy)
@@ -144,7 +168,7 @@ def check_consistent(of: Of) -> None:
 
 
 def check_independent(of: Of) -> None:
-    """A filter does not know of other filters."""
+    """Check that filters of several targets do not influence each other."""
     alone, first, second = run(of, FEW), start(of), start(of)
     both = []
     for scan in FEW:
@@ -157,7 +181,7 @@ def check_independent(of: Of) -> None:
 
 
 def check_inputs(of: Of) -> None:
-    """Check that inputs are not changed."""
+    """Check that `step` leaves the arrays of the given scan unchanged."""
     own = start(of)
     for scan in FEW:
         copy = [np.array(v) for v in scan[2:]]
@@ -168,7 +192,7 @@ def check_inputs(of: Of) -> None:
 
 
 def check_results(of: Of) -> None:
-    """Check that returned values do not change later."""
+    """Check that returned values do not change at later steps."""
     own, kept = start(of), []
     for scan in FEW:
         estimate = step(own, scan)
@@ -179,7 +203,7 @@ def check_results(of: Of) -> None:
 
 
 def check_memory(of: Of) -> None:
-    """Memory does not grow with the length of a walk."""
+    """Check that memory does not grow with the length of a walk."""
     own = start(of)
     grown = bytes_left((step(own, scan) for scan in replace(PLAIN, n_steps=400)), 200)
     if grown > GROWTH_BYTES:
@@ -187,13 +211,13 @@ def check_memory(of: Of) -> None:
 
 
 def check_empty(of: Of) -> None:
-    """Time steps without any frame can come first, and in between."""
+    """Check that a filter accepts time steps without any frame, first ones and later ones."""
     scans = list(FEW)
     run(of, [without_sensors(scans[0]), *scans[1:6], without_sensors(scans[6]), *scans[7:]])
 
 
 def check_hidden(of: Of) -> None:
-    """Frames without a detection, with bearings that are NaN, can come first, and in between."""
+    """Check that a filter accepts frames without a detection (bearings that are NaN), first ones and later ones."""
     scans = list(FEW)
     half = scans[7]._replace(
         bearings=np.array([np.nan, *scans[7].bearings[1:]]), sigma=np.array([np.nan, *scans[7].sigma[1:]])
@@ -202,19 +226,19 @@ def check_hidden(of: Of) -> None:
 
 
 def check_gap(of: Of) -> None:
-    """After an hour without a time step the filter goes on."""
+    """Check that a filter accepts a time step after an hour without any."""
     scans = list(PLAIN)
     run(of, [*scans[:20], *(later(m, 3600.0) for m in scans[20:])])
 
 
 def check_same_time(of: Of) -> None:
-    """Two time steps can have the same time."""
+    """Check that a filter accepts two time steps with the same time."""
     scans = list(FEW)
     run(of, [m for scan in scans for m in (scan, scan)])
 
 
 def check_time_back(of: Of) -> None:
-    """Time that goes back is refused by a ValueError, or does no harm."""
+    """Check that a time that goes back is refused by a ValueError, or gives a valid estimate."""
     scans = list(FEW)
     own = start(of)
     for scan in scans[:6]:
@@ -231,18 +255,18 @@ def check_time_back(of: Of) -> None:
 
 
 def check_one_sensor(of: Of) -> None:
-    """One sensor alone is no reason to fail."""
+    """Check that a filter accepts the bearings of a single sensor."""
     run(of, replace(FEW, sensors=(1,)))
 
 
 def check_two_sensors(of: Of) -> None:
-    """Sensors come and go: two of them, then others."""
+    """Check that a filter accepts sensors that change: two of them, then others."""
     pairs = [replace(FEW, sensors=pair) for pair in ((0, 1), (1, 2))]
     run(of, [*list(pairs[0])[:6], *list(pairs[1])[6:]])
 
 
 def check_candidates(of: Of) -> None:
-    """A sensor can have several bearings at one time, also wild ones."""
+    """Check that a filter accepts several bearings of a sensor at one time, also false ones."""
 
     def wild(scan: TargetScan) -> TargetScan:
         more = np.array([scan.bearings[0] + 2.0])
@@ -259,37 +283,37 @@ def check_candidates(of: Of) -> None:
 
 
 def check_sharp(of: Of) -> None:
-    """Bearings that are nearly exact are no reason to fail."""
+    """Check that a filter accepts bearings that are nearly exact."""
     run(of, (m._replace(sigma=np.full(len(m.sigma), 1e-3 * SIGMA_RAD)) for m in FEW))
 
 
 def check_order(of: Of) -> None:
-    """The order of the sensors does not matter."""
+    """Check that estimates do not depend on the order of the sensors."""
     other = replace(PLAIN, sensors=(2, 0, 1))
     _alike(of, other, other, "rows in another order")
 
 
 def check_wrap(of: Of) -> None:
-    """Bearings across the negative x axis are bearings as others."""
+    """Check that a target is found across the negative x axis, where bearings jump by a full turn."""
     for turn in (0.5 * np.pi, np.pi):
         turned = replace(PLAIN, turn=turn)
         _alike(of, turned, turned, f"in a world turned by {np.degrees(turn):.0f} degrees")
 
 
 def check_shift(of: Of) -> None:
-    """The origin can be anywhere."""
+    """Check that estimates do not depend on the origin of the world, by a shift of about 2 km."""
     shifted = replace(PLAIN, shift=(1000.0, -2000.0))
     _alike(of, shifted, shifted, "in a world shifted by 2 km")
 
 
 def check_unit(of: Of) -> None:
-    """Lengths can be in centimetres."""
+    """Check that estimates do not depend on the unit of length, by a world in centimetres."""
     scaled = replace(PLAIN, scale=100.0)
     _alike(of, scaled, scaled, "in centimetres")
 
 
 def check_epoch(of: Of) -> None:
-    """Times can count from 1970 or from a simulation's start."""
+    """Check that estimates do not depend on the epoch of times: 1970, or the start of a simulation."""
     early = replace(PLAIN, start_ns=0)
     _alike(of, early, early, "with times that begin at 0")
 

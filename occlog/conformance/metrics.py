@@ -24,7 +24,15 @@ POWERS = {"length": 1, "length^2": 2, "length2": 2, "length/s": 1}
 
 
 def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, float]:
-    """Run a metric; BrokenError where it fails, or returns impossible values."""
+    """Return the figures of a metric by name.
+
+    Args:
+        of: class of the metric.
+        given: tracks, truth and errors that it compares.
+        what: words for the call in messages.
+
+    BrokenError if it raises, or returns impossible values.
+    """
     with called(what):
         found = of(defaults(of, given.length_unit)).figures(given)
     wrong = fault_of(found, of.units)
@@ -34,12 +42,21 @@ def figures(of: Any, given: MetricInput, what: str = "figures") -> Mapping[str, 
 
 
 def use(of: Any) -> list[tuple[str, str]]:
-    """The figures of the plain walk."""
+    """Return name and value (as text) of all figures of the metric class `of` for the sample tables, by name."""
     return [(name, repr(float(value))) for name, value in sorted(figures(of, compared()).items())]
 
 
 def _alike(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
-    """BrokenError unless figures of another walk are those of the plain one; lengths times a scale."""
+    """Check that the figures of a metric for the input `other` are those of the plain sample tables.
+
+    Args:
+        of: class of the metric.
+        other: the same comparison in another world.
+        what: words for that world in messages.
+        scale: factor of its lengths; figures grow by the power of length in their units.
+
+    BrokenError if they differ.
+    """
     plain, found = figures(of, compared()), figures(of, other, what)
     for name, value in plain.items():
         want = float(value) * scale ** POWERS.get(of.units[name], 0)
@@ -50,7 +67,7 @@ def _alike(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
 
 
 def check_units(of: Any) -> None:
-    """Units are declared for figures with names that are words."""
+    """Check that a metric declares a unit for each figure, and names figures by small letters, digits and `_`."""
     if not isinstance(of.units, Mapping) or not of.units:
         raise BrokenError("units must be a mapping of names to units, with one figure at least")
     for name, unit in of.units.items():
@@ -63,7 +80,7 @@ def check_units(of: Any) -> None:
 
 
 def check_figures(of: Any) -> None:
-    """All figures that units declares are given, as numbers, and no others."""
+    """Check that a metric returns all figures that `units` declares, as numbers, and no others."""
     figures(of, compared())
 
 
@@ -74,7 +91,7 @@ def check_known(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """The tables stay as they are."""
+    """Check that a metric leaves the given tables unchanged."""
     given = compared()
     tables = (given.tracks, given.truth, given.errors)
     before = [{c.name: getattr(table, c.name).tobytes() for c in table.columns()} for table in tables]
@@ -86,7 +103,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_reuse(of: Any) -> None:
-    """A metric can compare several times."""
+    """Check that one metric object gives equal figures for two equal comparisons."""
     own = of(defaults(of))
     with called("figures"):
         first, second = dict(own.figures(compared())), dict(own.figures(compared()))
@@ -95,33 +112,33 @@ def check_reuse(of: Any) -> None:
 
 
 def check_no_tracks(of: Any) -> None:
-    """There may be no tracks."""
+    """Check that a metric accepts tracks without rows."""
     given = compared()
     nothing = slice(0, 0)
     figures(of, given._replace(tracks=given.tracks.take(nothing), errors=given.errors.take(nothing)), "without tracks")
 
 
 def check_no_truth(of: Any) -> None:
-    """There may be no truth."""
+    """Check that a metric accepts a truth without rows."""
     given = compared()
     figures(of, given._replace(truth=given.truth.take(slice(0, 0)), errors=given.errors.take(slice(0, 0))), "no truth")
 
 
 def check_no_pairs(of: Any) -> None:
-    """No estimate may have a truth."""
+    """Check that a metric accepts tracks and truth of different identities, thus errors without rows."""
     given = compared()
     figures(of, given._replace(errors=given.errors.take(slice(0, 0))), "tracks and truth of other people")
 
 
 def check_one_row(of: Any) -> None:
-    """There may be a single estimate."""
+    """Check that a metric accepts a single estimate."""
     given = compared()
     first = given.tracks.take(slice(0, 1))
     figures(of, MetricInput(first, given.truth, errors(first, given.truth), "m"), "a single estimate")
 
 
 def check_no_covariance(of: Any) -> None:
-    """Covariances, velocities and NEES may be NaN."""
+    """Check that a metric accepts NaN as covariances, velocities and NEES."""
     given = compared()
     columns = {c.name: getattr(given.tracks, c.name) for c in given.tracks.columns()}
     for name in ("vx", "vy", "cov_xx", "cov_xy", "cov_yy"):
@@ -146,17 +163,17 @@ def check_numbers(of: Any) -> None:
 
 
 def check_shift(of: Any) -> None:
-    """The origin can be anywhere."""
+    """Check that figures do not depend on the origin of the world, by a shift of about 2 km."""
     _alike(of, compared(shift=(1000.0, -2000.0)), "in a world shifted by 2 km")
 
 
 def check_unit(of: Any) -> None:
-    """Lengths can be in centimetres; those of figures are then, too."""
+    """Check that figures in lengths grow by the unit if tracks and truth are in centimetres, and others stay."""
     _alike(of, compared(scale=100.0, unit="cm"), "in centimetres", 100.0)
 
 
 def check_epoch(of: Any) -> None:
-    """Times can count from 1970 or from a recording's start."""
+    """Check that figures do not depend on the epoch of times: 1970, or the start of the recording."""
     _alike(of, compared(start_ns=START_NS % 10**9), "with times that begin near 0")
 
 

@@ -44,7 +44,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
         return as_text({name: np.asarray(values) for name, values in read(of, path).items()})
 
     def check_endings(of: Any) -> None:
-        """Endings begin with a point, are in lower case, and the sample has one of them."""
+        """Check that endings begin with a point, are in lower case, and the sample has one of them."""
         endings = of.endings
         if not isinstance(endings, tuple) or not endings:
             raise BrokenError("endings must be a tuple of texts, as ('.xyz',)")
@@ -55,18 +55,21 @@ def checks_with(sample: Path) -> dict[str, Check]:
             raise BrokenError(f"the sample's name, {sample.name}, ends in none of {', '.join(endings)}")
 
     def check_table(of: Any) -> None:
-        """The table is one of this program's."""
+        """Check that the table which the reader names is one of occlog's (`TABLES`)."""
         if of.table not in TABLES:
             raise BrokenError(f"table is {of.table!r}; expected one of {', '.join(TABLES)}")
 
     def check_columns(of: Any) -> None:
-        """Columns have names and one length."""
+        """Check that the sample file gives columns of valid names and equal lengths, with at least one row."""
         if not len(next(iter(read(of).values()))):  # type: ignore[arg-type]
             raise BrokenError("the sample gives no rows; give one that has some")
 
     @contextmanager
     def laid_out(of: Any) -> Iterator[ForeignTable]:
-        """The columns as the table that the reader states; BrokenError where they, or rows, are none."""
+        """Context manager: yield the columns read from the sample as the table that the reader class `of` states.
+
+        BrokenError if there are no such columns or rows.
+        """
         found = text(of)
         with TemporaryDirectory() as other:
             path = Path(other) / "as_read.csv"
@@ -79,13 +82,13 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
 
     def check_fits(of: Any) -> None:
-        """The columns make the table that the reader states."""
+        """Check that the columns read from the sample make the table that the reader states."""
         if of.table in TABLES:
             with laid_out(of) as table:
                 list(table.rows(TABLES[of.table]))
 
     def check_used(of: Any) -> None:
-        """No column is there that the table does not know."""
+        """Check that the reader returns no column that its table does not have."""
         if of.table in TABLES:
             with laid_out(of) as table:
                 used = {spelled.name for spelled in table.layout.columns}
@@ -94,7 +97,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError(f"column {left[0]} is none of {of.table}; leave it out, or name it as the table does")
 
     def check_place(of: Any) -> None:
-        """The name and the folder of a file do not matter."""
+        """Check that the result does not depend on name and folder of the file."""
         with TemporaryDirectory() as other:
             path = Path(other) / f"ein Ort, naïve'{sample.suffix}"
             shutil.copy(sample, path)
@@ -102,7 +105,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError("a copy of the file with another name is read differently")
 
     def check_unchanged(of: Any) -> None:
-        """A file that is read stays as it is, and no file appears next to it."""
+        """Check that `read` leaves the file unchanged, and creates no other in its folder."""
         with TemporaryDirectory() as other:
             path = Path(other) / sample.name
             shutil.copy(sample, path)
@@ -112,7 +115,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError("read changes the file, or leaves another one next to it")
 
     def check_closed(of: Any) -> None:
-        """Files are closed."""
+        """Check that `read` leaves no file open (on systems with /proc)."""
         opened = Path("/proc/self/fd")
         if not opened.is_dir():
             return
@@ -124,7 +127,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             raise BrokenError("read leaves a file open; open it in a with statement")
 
     def check_reuse(of: Any) -> None:
-        """A reader can read several files."""
+        """Check that one reader object reads the sample file twice with equal results."""
         own = of(defaults(of))
         with called("read"):
             first, second = own.read(sample), own.read(sample)
@@ -153,7 +156,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             raise BrokenError(f"{what}: {wrong}")
 
     def check_absent(of: Any) -> None:
-        """A file that is not there is an OSError."""
+        """Check that `read` raises OSError for a missing file."""
         with TemporaryDirectory() as other:
             try:
                 with called("a file that is not there: read", OSError):
@@ -163,17 +166,17 @@ def checks_with(sample: Path) -> dict[str, Check]:
         raise BrokenError("a file that is not there is read as if it were")
 
     def check_cut(of: Any) -> None:
-        """A file with an end that is cut off is refused by a ValueError, or read up to its end."""
+        """Check that a file that is cut off is refused by a ValueError, or read up to its end."""
         data = sample.read_bytes()
         for size in (*(int(share * len(data)) for share in SHARES), *(len(data) - n for n in LAST)):
             damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])
 
     def check_garbage(of: Any) -> None:
-        """Bytes of another format are refused."""
+        """Check that a file of random bytes is refused."""
         damaged(of, "a file of other bytes", np.random.default_rng(3).bytes(2_000), refused=True)
 
     def check_flipped(of: Any) -> None:
-        """Single bytes that are wrong are refused by a ValueError, or do no harm."""
+        """Check that a file with a wrong byte is refused by a ValueError, or read to valid columns."""
         data, rng = sample.read_bytes(), np.random.default_rng(4)
         for _ in range(20):
             broken = bytearray(data)
@@ -181,7 +184,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             damaged(of, "a file with a wrong byte", bytes(broken))
 
     def check_size(of: Any) -> None:
-        """A file with repeated content is refused, or has more rows."""
+        """Check that a file with its content twice is refused, or gives more rows."""
         damaged(of, "a file with repeated content", 2 * sample.read_bytes())
 
     own: dict[str, Callable[[Any], None]] = {

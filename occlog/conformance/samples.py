@@ -26,18 +26,18 @@ SCENE = Scene(arrays=(MicrophoneArray("north", np.array([0.0, 40.0, 0.0]), plana
 
 
 def _moments(start_ns: int) -> tuple[Any, Any]:
-    """Times and identities of rows: two targets at each time."""
+    """Return times [ns] from `start_ns` on, and identities (3 and 8), of rows: two targets at each time."""
     times = start_ns + STEP_NS * np.arange(N_STEPS, dtype=np.int64)
     return np.repeat(times, 2), np.tile([3, 8], N_STEPS)
 
 
 def _places(target: Any, seconds: Any) -> Any:
-    """(n, 2) true positions [m]."""
+    """Return true positions (n, 2) [m] of the targets (n,) at `seconds` (n,) after the start."""
     return np.column_stack([-6.0 + 0.8 * seconds + 0.1 * target, 4.0 + np.sin(seconds) - target])
 
 
 def _rows(table: type[T], **values: Any) -> T:
-    """A table, NaN or empty in the columns that are not given."""
+    """Return a table with these columns; others are NaN, empty or 0."""
     count = len(values["t_ns"])
     for c in table.columns():
         if c.name not in values and not c.optional:
@@ -48,14 +48,26 @@ def _rows(table: type[T], **values: Any) -> T:
 
 
 def truth(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Truth:
-    """True positions of both."""
+    """Return the true positions of two targets (ids 3 and 8) at `N_STEPS` times.
+
+    Args:
+        start_ns: first time [ns].
+        scale: unit of the result per metre.
+        shift: added to x and y [m].
+    """
     t_ns, target = _moments(start_ns)
     xy = scale * (_places(target, (t_ns - start_ns) / NS) + shift)
     return _rows(Truth, t_ns=t_ns, target_id=target, role=np.full(len(t_ns), "target"), x=xy[:, 0], y=xy[:, 1])
 
 
 def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
-    """Estimates of both, some decimetres off; the second one is missing for a while."""
+    """Return estimates of the two targets of `truth`, with noise of 0.3 m; target 8 is missing at 3 of 10 times.
+
+    Args:
+        start_ns: first time [ns].
+        scale: unit of the result per metre.
+        shift: added to x and y [m].
+    """
     t_ns, target = _moments(start_ns)
     xy = _places(target, (t_ns - start_ns) / NS) + np.random.default_rng(1).normal(0.0, 0.3, (len(t_ns), 2)) + shift
     variance = np.full(len(t_ns), 0.09 * scale**2)
@@ -75,7 +87,7 @@ def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, 
 
 
 def errors(found: Tracks, true: Truth) -> Errors:
-    """Estimate minus truth, paired by identity."""
+    """Return estimate minus truth for each row of `found`, paired by time and identity; each row must have a truth."""
     index_of = {(t, k): n for n, (t, k) in enumerate(zip(true.t_ns.tolist(), true.target_id.tolist(), strict=True))}
     pairs = zip(found.t_ns.tolist(), found.target_id.tolist(), strict=True)
     row = np.array([index_of[pair] for pair in pairs], dtype=np.int64)
@@ -98,7 +110,14 @@ def errors(found: Tracks, true: Truth) -> Errors:
 def compared(
     start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0), unit: str = "m"
 ) -> MetricInput:
-    """Tracks, truth and errors."""
+    """Return the tracks, truth and errors of the two sample targets, as input of a metric.
+
+    Args:
+        start_ns: first time [ns].
+        scale: unit of the tables per metre.
+        shift: added to x and y [m].
+        unit: name of the unit of length.
+    """
     found, true = tracks(start_ns, scale=scale, shift=shift), truth(start_ns, scale=scale, shift=shift)
     return MetricInput(found, true, errors(found, true), unit)
 
@@ -173,7 +192,7 @@ SAMPLES: dict[str, Callable[[], ColumnTable]] = {
 
 
 def with_gaps(rows: T) -> T:
-    """The rows with NaN in every column of numbers that may have it."""
+    """Return a copy of the rows with NaN in every column of numbers that may have it."""
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     for c in rows.columns():
         if c.nan is not None and c.dtype.kind == "f" and rows.NAME != "boxes":
@@ -186,7 +205,7 @@ def with_gaps(rows: T) -> T:
 
 
 def moved(rows: T, row: int) -> T:
-    """The rows, one of which measured something else."""
+    """Return a copy of the rows, in which row `row` has other measured values."""
     columns = {c.name: np.array(getattr(rows, c.name)) for c in rows.columns()}
     for c in rows.columns():
         if c.unit in ("m", "px", "rad") and not c.width:
@@ -195,13 +214,13 @@ def moved(rows: T, row: int) -> T:
 
 
 def with_names(rows: T, name: str) -> T:
-    """The rows of a sensor of another name."""
+    """Return a copy of the rows, all of a sensor with this name."""
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     return type(rows).of(**{**columns, "sensor": np.full(len(rows), name)})
 
 
 def in_unit(rows: T, factor: float) -> T:
-    """The rows with lengths in another unit, of which a metre has this many."""
+    """Return a copy of the rows with lengths in another unit; `factor`: units per metre."""
     powers = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
     columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
     for c in rows.columns():
@@ -220,15 +239,15 @@ WALK_STEPS = 40
 
 @dataclass(frozen=True)
 class SampleWalk:
-    """A walk, seen by sensors; as it is, all of them see the target at all times.
+    """Walk of one target past sensors; by default all of them see it at all times.
 
     Attributes:
-        n_steps: how many.
-        start_ns: time of the first.
-        sensors: positions in `NAMES` of the sensors that observe, in the order of rows.
-        turn: the world is turned by this angle about its origin [rad].
-        shift: and then shifted.
-        scale: and its unit of length is 1/scale metres.
+        n_steps: number of time steps.
+        start_ns: time of the first [ns].
+        sensors: indices in `NAMES` of the sensors that observe, in the order of rows.
+        turn: angle by which the world is turned about its origin [rad].
+        shift: (2,) by which it is shifted then [m].
+        scale: units of length per metre.
     """
 
     n_steps: int = WALK_STEPS
@@ -239,25 +258,25 @@ class SampleWalk:
     scale: float = 1.0
 
     def at(self, xy: Floats) -> Floats:
-        """(..., 2) positions of the plain walk [m] in this one's world."""
+        """Return positions `xy` (..., 2) of the plain walk [m] in the world of this one: scaled, turned and shifted."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         return np.asarray(self.scale * (xy @ np.array([[c, s], [-s, c]]) + np.array(self.shift)))
 
     @property
     def truth(self) -> Floats:
-        """(time steps, 2) true positions."""
+        """(n_steps, 2) true positions of the target, in the walk's unit of length."""
         t = np.arange(self.n_steps) * (WALK_STEP_NS / NS)
         return self.at(np.column_stack([-10.0 + 0.5 * t, 5.0 + 2.0 * np.sin(0.3 * t)]))
 
     @property
     def scene(self) -> Scene:
-        """The sensors."""
+        """Scene of the walk's three microphone arrays."""
         positions = self.at(PLACES)
         arrays = (MicrophoneArray(n, np.array([*xy, 0.0]), planar=True) for n, xy in zip(NAMES, positions, strict=True))
         return Scene(arrays=tuple(arrays), length_unit="m" if self.scale == 1.0 else "cm")
 
     def __iter__(self) -> Iterator[TargetScan]:
-        """The time steps, made one after the other; errors of a sensor are the same whichever others observe."""
+        """Generate the scans of the time steps; errors of a sensor do not depend on which others observe."""
         noise = np.random.default_rng(5)
         positions, own = self.at(PLACES), list(self.sensors)
         for n, xy in enumerate(self.truth):
@@ -278,16 +297,16 @@ FEW = replace(PLAIN, n_steps=12)
 
 
 def blind(scan: TargetScan) -> TargetScan:
-    """The time step in which all sensors have a frame and none detects the target."""
+    """Return the scan with a frame of all its sensors, and no detection (NaN)."""
     unknown = np.full(len(scan.bearings), np.nan)
     return scan._replace(bearings=unknown, sigma=unknown.copy())
 
 
 def without_sensors(scan: TargetScan) -> TargetScan:
-    """The time step without any frame."""
+    """Return the scan without any sensor or bearing, as in a time step without frames."""
     return scan._replace(sensors=(), places=np.zeros((0, 2)), bearings=np.zeros(0), sigma=np.zeros(0))
 
 
 def later(scan: TargetScan, seconds: float) -> TargetScan:
-    """The time step at another time."""
+    """Return the scan with a time that is `seconds` later."""
     return scan._replace(t_ns=scan.t_ns + round(seconds * NS))

@@ -23,7 +23,7 @@ GROWTH_BYTES = 300
 
 
 def edges(k: int) -> Floats:
-    """(2, 4) boxes of the k-th frame: two people who walk side by side, never near each other."""
+    """Return the boxes (2, 4) of frame k [px]: two people who walk side by side, never near each other."""
     rng = np.random.default_rng(k)
     way = float(k % 400) if k % 800 < 400 else 400.0 - k % 400
     boxes = np.array([[100.0 + 2.0 * way, 200.0, 60.0, 160.0], [100.0 + 2.0 * way, 600.0, 70.0, 180.0]])
@@ -31,7 +31,13 @@ def edges(k: int) -> Floats:
 
 
 def frame(k: int, boxes: Floats | None = None, *, t_ns: int | None = None) -> BoxesInFrame:
-    """The k-th frame."""
+    """Return the boxes of frame `k` of the sample walk.
+
+    Args:
+        k: number of the frame.
+        boxes: (n, 4) left, top, width and height [px] in place of those of the walk.
+        t_ns: time [ns] in place of that of the frame.
+    """
     there = edges(k) if boxes is None else boxes
     return BoxesInFrame(
         t_ns=START_NS + k * STEP_NS if t_ns is None else t_ns,
@@ -43,13 +49,16 @@ def frame(k: int, boxes: Floats | None = None, *, t_ns: int | None = None) -> Bo
 
 
 def start(of: Any, seed: int = 1) -> Any:
-    """A new tracker with its defaults."""
+    """Return a new tracker of class `of` with its default settings and random numbers of `seed`."""
     with called("a new tracker"):
         return of(defaults(of), np.random.default_rng(seed))
 
 
 def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
-    """The identities of a frame; BrokenError where the tracker fails, or gives back what none can be."""
+    """Return the identities (n,) that the tracker `own` gives to the boxes of the frame `found`.
+
+    BrokenError, with the words `what` for the call, if it raises, or returns impossible identities.
+    """
     with called(what):
         ids = own.step(found)
     wrong = fault_of(ids, len(found.boxes))
@@ -59,23 +68,26 @@ def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
 
 
 def run(of: Any, frames: Iterable[BoxesInFrame], what: str = "step") -> list[list[int]]:
-    """The identities of all frames."""
+    """Run a new tracker of class `of` on frames; return the identities of the boxes of each frame.
+
+    `what`: words for the call in messages of a BrokenError.
+    """
     own = start(of)
     return [step(own, each, what).tolist() for each in frames]
 
 
 def walk(count: int = FRAMES) -> list[BoxesInFrame]:
-    """Frames of the plain walk."""
+    """Return the first `count` frames of the sample walk of two people."""
     return [frame(k) for k in range(count)]
 
 
 def use(of: Any) -> list[list[int]]:
-    """The identities of a short walk."""
+    """Return the identities that a new tracker of class `of` gives to the boxes of 15 frames."""
     return run(of, walk(15))
 
 
 def _renamed(ids: Iterable[Iterable[int]]) -> list[list[int]]:
-    """Identities by the order in which they come."""
+    """Return the identities of each frame numbered in the order of their first use; those below 0 become -1."""
     known: dict[int, int] = {}
     return [[-1 if k < 0 else known.setdefault(k, len(known)) for k in each] for each in ids]
 
@@ -93,12 +105,12 @@ def _raw(of: Any, wanted: Callable[[str], bool]) -> None:
 
 
 def check_shape(of: Any) -> None:
-    """A whole number for each box is given back."""
+    """Check that `step` returns a whole number for each box."""
     _raw(of, lambda wrong: wrong.startswith("step gives"))
 
 
 def check_numbers(of: Any) -> None:
-    """Identities are at least 0, or -1."""
+    """Check that identities are at least 0, or -1 (none)."""
     _raw(of, lambda wrong: "must be at least 0" in wrong)
 
 
@@ -108,7 +120,7 @@ def check_once(of: Any) -> None:
 
 
 def check_follows(of: Any) -> None:
-    """A person whom the detector finds in every frame is tracked, with one identity."""
+    """Check that a person found in every frame has one identity after `SETTLED` frames."""
     late = run(of, walk())[SETTLED:]
     for person in (0, 1):
         own = {ids[person] for ids in late}
@@ -119,14 +131,14 @@ def check_follows(of: Any) -> None:
 
 
 def check_apart(of: Any) -> None:
-    """Two people who are far from each other have different identities."""
+    """Check that two people who are far from each other have different identities."""
     late = run(of, walk())[SETTLED:]
     if {ids[0] for ids in late} & {ids[1] for ids in late} - {-1}:
         raise BrokenError("two people who are never near each other have had one identity")
 
 
 def check_newcomer(of: Any) -> None:
-    """A person who comes later has an identity that is new."""
+    """Check that a person who enters later has an identity that was not used before."""
     newcomer = np.array([[1500.0, 300.0, 50.0, 150.0]])
     frames = [frame(k, np.concatenate([edges(k), newcomer + 0.5 * k]) if k >= 20 else None) for k in range(FRAMES)]
     ids = run(of, frames)
@@ -136,7 +148,7 @@ def check_newcomer(of: Any) -> None:
 
 
 def check_order(of: Any) -> None:
-    """The order of the boxes does not matter."""
+    """Check that identities do not depend on the order of the boxes."""
     plain = _renamed(run(of, walk()))
     turned = run(of, [each._replace(boxes=each.boxes[:: 1 - each.frame % 2 * 2].copy()) for each in walk()])
     back = _renamed(ids[:: 1 - k % 2 * 2] for k, ids in enumerate(turned))
@@ -145,7 +157,7 @@ def check_order(of: Any) -> None:
 
 
 def check_independent(of: Any) -> None:
-    """A tracker does not know of other cameras."""
+    """Check that trackers of several cameras do not influence each other."""
     alone, first, second = run(of, walk(15)), start(of), start(of)
     both = []
     for each in walk(15):
@@ -156,7 +168,7 @@ def check_independent(of: Any) -> None:
 
 
 def check_inputs(of: Any) -> None:
-    """Check that inputs are not changed."""
+    """Check that `step` leaves the arrays of the given frame unchanged."""
     own = start(of)
     for each in walk(15):
         before = [np.array(value) for value in each[2:]]
@@ -167,7 +179,7 @@ def check_inputs(of: Any) -> None:
 
 
 def check_results(of: Any) -> None:
-    """Check that returned arrays do not change later."""
+    """Check that returned arrays do not change at later calls."""
     own, kept = start(of), []
     for k in range(15):
         each = frame(k, edges(k)[: 1 + k % 2])
@@ -179,7 +191,7 @@ def check_results(of: Any) -> None:
 
 
 def check_memory(of: Any) -> None:
-    """Memory does not grow with the length of a recording."""
+    """Check that memory does not grow with the length of a recording."""
     own = start(of)
     grown = bytes_left((step(own, frame(n)) for n in range(400)), 200)
     if grown > GROWTH_BYTES:
@@ -187,50 +199,50 @@ def check_memory(of: Any) -> None:
 
 
 def check_empty(of: Any) -> None:
-    """Frames without a box can come first, and in between."""
+    """Check that a tracker accepts frames without boxes, first ones and later ones."""
     no_boxes = np.zeros((0, 4))
     gone = (0, 1, 8, 9)
     run(of, [frame(k, no_boxes if k in gone else None) for k in range(15)], "frames without a box: step")
 
 
 def check_crowd(of: Any) -> None:
-    """Many can come at once, and go."""
+    """Check that 60 more people can enter in one frame, and leave in one."""
     rng = np.random.default_rng(2)
     many = np.column_stack([rng.uniform(0, 1900, 60), rng.uniform(0, 1000, 60), np.full(60, 20.0), np.full(60, 50.0)])
     run(of, [*walk(5), *(frame(k, many + k) for k in range(5, 9)), *(frame(k) for k in range(9, 15))], "a crowd: step")
 
 
 def check_same_box(of: Any) -> None:
-    """A detector can report one box twice."""
+    """Check that a tracker accepts a box that a detector reports twice."""
     run(of, [frame(k, edges(k)[[0, 0, 1]]) for k in range(15)], "a box that is there twice: step")
 
 
 def check_unknown_scores(of: Any) -> None:
-    """Scores can be unknown."""
+    """Check that a tracker accepts NaN as scores."""
     frames = [each._replace(scores=np.full(2, np.nan)) for each in walk(15)]
     run(of, frames, "scores that are NaN: step")
 
 
 def check_embeddings(of: Any) -> None:
-    """Embeddings can be there, and NaN for some boxes."""
+    """Check that a tracker accepts embeddings, with NaN for some boxes."""
     vectors = np.array([[0.6, 0.8, 0.0], [np.nan, np.nan, np.nan]], dtype=np.float32)
     run(of, [each._replace(embeddings=vectors.copy()) for each in walk(15)], "embeddings: step")
 
 
 def check_gap(of: Any) -> None:
-    """After an hour without a frame the tracker goes on."""
+    """Check that a tracker accepts frames after an hour without any."""
     hour = 3600 * NS
     later = [frame(k + 90_000, edges(k), t_ns=START_NS + hour + k * STEP_NS) for k in range(15, 25)]
     run(of, [*walk(15), *later], "an hour without a frame: step")
 
 
 def check_same_time(of: Any) -> None:
-    """Two frames can have the same time."""
+    """Check that a tracker accepts two frames with the same time."""
     run(of, [frame(k, t_ns=START_NS + k // 2 * STEP_NS) for k in range(15)], "two frames of one time: step")
 
 
 def check_epoch(of: Any) -> None:
-    """Times can count from a recording's start, numbers of frames from anywhere."""
+    """Check that identities do not depend on the epoch of times, nor on the first frame number."""
     early = [each._replace(t_ns=each.t_ns - START_NS, frame=each.frame + 5000) for each in walk()]
     if _renamed(run(of, early)) != _renamed(run(of, walk())):
         raise BrokenError("times that begin at 0, or other numbers of frames, give other identities")

@@ -80,7 +80,7 @@ class UnconfirmedBearings:
     doubted: int = 0
 
     def add(self, part: Residuals) -> None:
-        """Add rows, in the order of time."""
+        """Add the rows `part`, which follow those added before in time."""
         for target in np.unique(part.target_id).tolist():
             own = part.take(part.target_id == target)
             self.bearings += len(own)
@@ -183,7 +183,7 @@ class SmallNoiseCheck:
     """Counts bearings with an implausibly small stated standard deviation."""
 
     def __init__(self) -> None:
-        """Start without data."""
+        """Create a check that has counted no bearing."""
         self._found: Counter[str] = Counter()
         self._least = np.inf
 
@@ -222,7 +222,7 @@ MIN_RESIDUAL_VARIANCE = 0.1
 
 
 class ResidualAngles(NamedTuple):
-    """Angular residuals of N bearings of one sensor at the estimates, with the variance due to these."""
+    """Angles between N bearings of one sensor and the estimates, with the variances due to sensor and estimates."""
 
     residual: Floats  # (N,) in standard deviations as stated
     spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
@@ -282,7 +282,7 @@ def bearing_residuals(
 
 
 class BearingConsistency:
-    """Compares bearings with tracks, chunk by chunk."""
+    """Comparison of bearings with tracks, chunk by chunk: residuals of those near a track, and counts of others."""
 
     def __init__(self, scene: Scene, window_ns: int = 0) -> None:
         """Start the comparison with the sensors of a scene.
@@ -340,7 +340,10 @@ class BearingConsistency:
         return Residuals.merge(parts), tuple(frames)
 
     def _paths(self, tracks: Tracks, diagnostics: Diagnostics | None) -> Iterator[EstimatedTrajectory]:
-        """Estimates of each target as trajectories."""
+        """Generate the estimates of each target as a trajectory.
+
+        `diagnostics`: rows of the same estimates, for the sensors that each used; None, or of other length: unknown.
+        """
         xy, covariance = np.column_stack([tracks.x, tracks.y]), covariances(tracks)
         used = None if diagnostics is None or len(diagnostics) != len(tracks) else _commas(diagnostics.cameras)
         for target in np.unique(tracks.target_id).tolist():
@@ -350,7 +353,16 @@ class BearingConsistency:
             )
 
     def _left(self, name: str, rows: Bearings, near: Bools) -> CandidateFrames:
-        """Count a sensor's candidates near no track, frame by frame."""
+        """Count a sensor's candidates near no track, frame by frame, and remember those of the last frame.
+
+        Args:
+            name: of the sensor.
+            rows: its candidates (N,), by time.
+            near: (N,) mask of those near a track.
+
+        Returns:
+            For each frame the numbers of candidates, and whether one continues a candidate of the frame before.
+        """
         times, first = np.unique(rows.t_ns, return_index=True)
         left, again = np.add.reduceat(~near, first, dtype=np.int64), np.zeros(len(times), dtype=np.bool_)
         ends = [*first[1:].tolist(), len(rows)]
@@ -369,7 +381,7 @@ TURN_RATE = 0.25
 
 
 class EstimatedTrajectory(NamedTuple):
-    """Estimates of one target over time."""
+    """Estimates of one target over time; `used` are the names of the sensors of each, None if unknown."""
 
     target: int
     t_ns: Ints  # (T,)
@@ -378,10 +390,14 @@ class EstimatedTrajectory(NamedTuple):
     used: np.ndarray | None  # (T,) names of sensors between commas; None: not known
 
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
-        """(N,) index of the estimate for each time, and mask of valid ones.
+        """Return the index (N,) of the next estimate after each time, and the mask (N,) of valid ones.
 
-        The index is that of the next estimate; it is valid if it is not later than the window, its covariance is known,
-        and it used the sensor.
+        An estimate is valid if it is not later than the window, its covariance is known, and it used the sensor.
+
+        Args:
+            t_ns: (N,) times [ns].
+            window_ns: longest time from one of them to its estimate [ns].
+            sensor: name of the sensor.
         """
         n = np.searchsorted(self.t_ns, t_ns)
         i = np.minimum(n, len(self.t_ns) - 1)
@@ -392,12 +408,17 @@ class EstimatedTrajectory(NamedTuple):
 
 
 def _commas(cameras: np.ndarray) -> np.ndarray:
-    """Lists of names with a comma before and after each name, for exact search."""
+    """Return lists of names (N,), separated by commas, with a comma before and after each, for exact search."""
     return np.strings.add(np.strings.add(",", cameras), ",")
 
 
 def _nearest(estimate: Ints, far: Floats) -> Bools:
-    """(N,) mask of the nearest candidate of each estimate, if it is within the gate."""
+    """Return the mask (N,) of the nearest candidate of each estimate, if it is within the gate.
+
+    Args:
+        estimate: (N,) index of the estimate that each candidate is compared with.
+        far: (N,) distance from it in standard deviations.
+    """
     order = np.lexsort([far, estimate])
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = np.diff(estimate[order]) != 0
@@ -409,7 +430,16 @@ def _nearest(estimate: Ints, far: Floats) -> Bools:
 def _table(
     path: EstimatedTrajectory, name: str, i: Ints, residuals: ResidualAngles, far: Floats, keep: Bools
 ) -> Residuals:
-    """Table `residuals` of the bearings `keep` of one sensor and target."""
+    """Return the table `residuals` of bearings of one sensor and target.
+
+    Args:
+        path: estimates of the target.
+        name: of the sensor.
+        i: (n,) index of the estimate of each kept bearing.
+        residuals: of all bearings (N,).
+        far: (N,) distance of each from its estimate, in standard deviations; within `GATE_SIGMAS` it is an inlier.
+        keep: (N,) mask of the n bearings that the table is of.
+    """
     return Residuals.of(
         t_ns=path.t_ns[i],
         target_id=np.full(len(i), path.target, dtype=np.int32),
@@ -449,7 +479,12 @@ class BearingBuffer:
             yield chunk
 
     def compare(self, tracks: Tracks, diagnostics: Diagnostics) -> ComparedBearings:
-        """Compare the buffered bearings up to the last of these estimates, and drop them from the buffer."""
+        """Compare the buffered bearings up to the time of the last estimate, and drop them from the buffer.
+
+        Args:
+            tracks: next estimates, by time; without rows nothing is compared.
+            diagnostics: rows of the same estimates.
+        """
         kept = Bearings.concat(self._kept)
         if not len(tracks):
             return ComparedBearings(Residuals.empty(), ())
@@ -530,7 +565,7 @@ class ResidualStatistics:
 
     @property
     def bearings(self) -> int:
-        """Number of bearings used."""
+        """Number of bearings of all sensors."""
         return sum(a.bearings for a in self.sensors.values())
 
     @property
@@ -549,7 +584,7 @@ class ResidualStatistics:
         return Ratio(value, math.sqrt(math.fsum((a.nis.error * a.means.expected) ** 2 for a in informative)) / expected)
 
     def figures(self) -> dict[str, float | int]:
-        """Figures for a summary; empty if no bearing was compared."""
+        """Return the figures of a summary by name; empty if no bearing was compared."""
         if not self.bearings:
             return {}
         whole = self.nis
@@ -597,7 +632,7 @@ class UnassociatedCandidates:
     sensors: dict[str, CandidateCounts] = field(default_factory=dict)
 
     def add(self, parts: Iterable[CandidateFrames]) -> None:
-        """Add the counts of frames."""
+        """Add the counts of further frames, each part of one sensor."""
         for part in parts:
             own = self.sensors.setdefault(part.sensor, CandidateCounts())
             own.frames += len(part.t_ns)
@@ -607,7 +642,7 @@ class UnassociatedCandidates:
 
     @property
     def frames(self) -> int:
-        """Number of frames with candidates."""
+        """Number of frames of all sensors that have candidates."""
         return sum(s.frames for s in self.sensors.values())
 
     @property

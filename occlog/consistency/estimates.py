@@ -119,7 +119,7 @@ def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float)
 
 
 def covariances(tracks: Tracks) -> Floats:
-    """(N, 2, 2) position covariances of the rows of a table."""
+    """Return the position covariances (N, 2, 2) of the rows of a table."""
     return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
 
 
@@ -168,7 +168,10 @@ class QualityFlags:
         self._misses = None if occluders or distances else PlainViewMisses(scene)
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
-        """Return the rows with quality flags, and with widened covariances where the distance is unknown."""
+        """Return the rows with quality flags, and with wider covariances where the distance is unknown.
+
+        `diagnostics` are of the same estimates as `tracks`; both are copied.
+        """
         if not len(tracks):
             return tracks, diagnostics
         by = [tuple(name for name in text.split(",") if name) for text in diagnostics.seen_by.tolist()]
@@ -194,7 +197,13 @@ class QualityFlags:
         return tracks, Diagnostics(**(columns | {"quality_flags": np.array(doubt, dtype=np.str_)}))
 
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
-        """(N,) mask of estimates that at least half of the sensors that detected the target cannot see."""
+        """Return the mask (N,) of estimates that at least half of the sensors that detected the target cannot see.
+
+        Args:
+            xy: (N, 2) estimates.
+            covariance: (N, 2, 2) of them.
+            by: names of the sensors that detected the target, for each estimate.
+        """
         saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
         for c in self._sensors:
             rows = np.array([c.name in names for names in by], dtype=np.bool_)
@@ -205,9 +214,15 @@ class QualityFlags:
         return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
-        """Tracks and covariances (N, 2, 2), with `without_distance` applied to the rows `lone` (row: sensor).
+        """Return tracks and covariances (N, 2, 2), with `without_distance` applied to the rows `lone` (row: sensor).
 
-        Not in a scene with a room: its walls limit the distance.
+        Not in a scene with a room: its walls limit the distance. `covariance` is changed in place.
+
+        Args:
+            tracks: N estimates.
+            xy: (N, 2) of them.
+            covariance: (N, 2, 2) of them.
+            lone: name of the only sensor that detected the target, by row.
         """
         if self._views is None or not lone:
             return tracks, covariance
@@ -301,7 +316,7 @@ class PlainViewMisses:
         return out
 
     def _plain(self, xy: Floats, camera: Camera) -> Bools:
-        """(N,) mask of positions (N, 2) in the field of view and range of a camera, not hidden by static occluders."""
+        """Return the mask (N,) of positions `xy` (N, 2) in view and range of a camera, not behind static occluders."""
         away = xy - camera.ground
         off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - camera.yaw))
         seen = (off <= 0.5 * camera.fov) & (np.hypot(away[:, 0], away[:, 1]) <= camera.range)
@@ -320,7 +335,7 @@ class SensorDisagreement:
     """Sets the flag `inconsistent_sensor` of a run's rows, chunk by chunk, from recent residuals."""
 
     def __init__(self) -> None:
-        """Start without residuals."""
+        """Create a check without residuals."""
         self._kept: list[Residuals] = []
 
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
@@ -339,7 +354,7 @@ class SensorDisagreement:
 
 
 def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
-    """Add a quality flag to the rows (N,) of diagnostics."""
+    """Return diagnostics with a quality flag added where the mask `rows` (N,) is True."""
     if not rows.any():
         return diagnostics
     every = diagnostics.quality_flags.astype(object)
@@ -348,7 +363,12 @@ def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:
-    """(N,) mask of times at which most recent bearings of some sensor to one target were rejected."""
+    """Return the mask (N,) of times at which some sensor's recent bearings to one target were mostly rejected.
+
+    Args:
+        t_ns: (N,) times [ns]; recent is the `WINDOW_NS` before each.
+        residuals: of the target, by time.
+    """
     out = np.zeros(len(t_ns), dtype=np.bool_)
     for name in np.unique(residuals.sensor).tolist():
         own = residuals.take(residuals.sensor == name)
@@ -370,13 +390,13 @@ class EffectiveSampleSizes:
     """Histogram of effective sample sizes, in logarithmic bins."""
 
     def __init__(self) -> None:
-        """Start with empty bins."""
+        """Create an empty histogram of effective sample sizes."""
         self.rows = self.few = 0
         self._sum = 0.0
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
 
     def add(self, ess: Floats) -> None:
-        """Add effective sample sizes; NaN (no particles) is ignored."""
+        """Add effective sample sizes `ess` (n,); NaN (no particles) is left out."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
         self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))
@@ -386,7 +406,7 @@ class EffectiveSampleSizes:
 
     @property
     def mean(self) -> float:
-        """Mean effective sample size; NaN without rows."""
+        """Mean effective sample size of all rows; NaN without rows."""
         return self._sum / self.rows if self.rows else math.nan
 
     @property
@@ -440,7 +460,13 @@ class PositionConsistency:
     hidden: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def add(self, tracks: Tracks, residuals: Residuals, scene: Scene) -> None:
-        """Add rows; a scene without room and walls is not checked."""
+        """Count intersections of the accepted bearings of each estimate: outside the room, or behind a camera's wall.
+
+        Args:
+            tracks: estimates.
+            residuals: of the bearings to them; probably false ones are left out.
+            scene: sensors, room and walls; without room and walls nothing is counted.
+        """
         sensors: dict[str, Floats] = {c.name: c.position[:2] for c in scene.cameras}
         sensors |= {a.name: a.position[:2] for a in scene.arrays}
         walls = {c.name: scene.blockers(c.ground) for c in scene.cameras}
@@ -506,10 +532,16 @@ def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats)
 
 
 def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -> tuple[Floats, Floats]:
-    """Reconstruct bearings (N,) and their standard deviations (N,) from normalised residuals.
+    """Reconstruct bearings (N,) and their standard deviations (N,) [rad] from normalised residuals.
 
     The expected variance of a residual is 1 - g'Pg / sigma^2, which is solved for sigma; NaN where it does not depend
     on sigma.
+
+    Args:
+        xy: (N, 2) estimates.
+        covariance: (N, 2, 2) of them, P.
+        origin: (2,) or (N, 2) position of the sensor.
+        used: N residuals.
     """
     away = xy - origin
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
@@ -533,11 +565,16 @@ def _rows(tracks: Tracks, used: Residuals) -> Ints:
 
 
 def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
-    """(N,) mask of positions (N, 2) in line of sight of the origin (2,), not hidden by a wall."""
+    """Return the mask (N,) of positions `xy` (N, 2) that no wall (polygon) hides from the origin (2,)."""
     return np.asarray(~behind_walls(origin, xy, walls))
 
 
 def _anywhere(met: BearingIntersection, test: Callable[[Floats], Bools]) -> Bools:
-    """(M,) whether a test of positions holds at the intersection or at any point of its error ellipse."""
+    """Return whether (M,) a test of positions holds at the intersection or anywhere on its error ellipse.
+
+    Args:
+        met: M intersections.
+        test: function of positions (n, 2) that returns a mask (n,).
+    """
     points = np.concatenate([met.xy[:, None], met.border], axis=1)
     return np.asarray(test(np.ascontiguousarray(points.reshape(-1, 2))).reshape(points.shape[:2]).any(axis=1))

@@ -44,7 +44,7 @@ class FrozenCameras:
     """Finds runs of identical frames of each camera; frames of a camera are added in the order of time."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Create a check that has seen no frame."""
         self._cameras: dict[str, _CameraRuns] = {}
 
     def add(self, camera: str, t_ns: int, content: Hashable) -> None:
@@ -78,7 +78,7 @@ class FrozenCameras:
                 yield max(runs, key=lambda run: run.last_ns - run.first_ns)
 
     def _moves(self, camera: str, run: FrozenFrames) -> bool:
-        """Whether a camera has frames during the run of another camera, most of which differ."""
+        """Whether a camera has frames during the run of another camera, most of which differ from each other."""
         other = self._cameras[camera]
         common = min(run.last_ns, other.last_ns) - max(run.first_ns, other.first_ns)
         still = sum(max(min(run.last_ns, o.last_ns) - max(run.first_ns, o.first_ns), 0) for o in other.runs)
@@ -86,7 +86,7 @@ class FrozenCameras:
 
     @staticmethod
     def _end(known: _CameraRuns) -> None:
-        """End the current run of identical frames, and keep it if it is long enough."""
+        """End the current run of identical frames of a camera, and keep it if it is long enough."""
         run = known.run
         if run is not None and run.last_ns - run.first_ns >= MIN_FROZEN_NS and run.frames >= MIN_FROZEN_FRAMES:
             known.runs.append(run)

@@ -69,7 +69,7 @@ def motion_checks(
 
 
 def flag_labels(diagnostics: Diagnostics, events: LabelEvents) -> Diagnostics:
-    """Set the quality flags `exchanged_labels` and `label_jump` in diagnostics."""
+    """Return diagnostics with the flags `exchanged_labels` and `label_jump` added in the rows of the events."""
     if not events.exchanges and not events.jumps:
         return diagnostics
     exchanged, jumped = events.at(diagnostics.t_ns, diagnostics.target_id)
@@ -92,7 +92,10 @@ def label_checks(events: LabelEvents | None, unit: str, rows: int = 0) -> tuple[
 
 
 def _outliers(events: LabelEvents, rows: int) -> Iterator[Check]:
-    """Report bearings that contradict the motion, for methods that do not reject outliers."""
+    """Generate a finding if too many estimates have a bearing that contradicts the motion.
+
+    `rows`: number of estimates of a method that does not reject outliers.
+    """
     steps = {(target, t_ns) for target, t_ns, _ in events.contradicting}
     if exceeds_share(len(steps), rows, MAX_CONTRADICTED_SHARE):
         sensors = sorted({name for _, _, name in events.contradicting})
@@ -102,7 +105,7 @@ def _outliers(events: LabelEvents, rows: int) -> Iterator[Check]:
 
 
 def _findings(events: LabelEvents, unit: str) -> Iterator[Check]:
-    """Report exchanged labels, and the fastest jump of each target."""
+    """Generate findings of exchanged labels, and of the fastest jump of each target; lengths are in `unit`."""
     for one in events.exchanges:
         begin_s = (one.begin_ns - events.origin_ns) / NS
         until = "the end" if one.end_ns is None else f"{(one.end_ns - events.origin_ns) / NS:.4g} s"

@@ -59,7 +59,7 @@ class BlockSums(NamedTuple):
     right: Floats  # (S,)
 
     def plus(self, other: BlockSums) -> BlockSums:
-        """Return the sums of both."""
+        """Return the sums of this block and another one."""
         return BlockSums(self.normal + other.normal, self.right + other.right)
 
 
@@ -126,7 +126,7 @@ class RangeBiases:
                 self._add_window(window)
 
     def _columns_of(self, station: Ints) -> Floats:
-        """(N,) columns of stations in the normal equations; -1 if there are too many stations."""
+        """Return the column (N,) of each station in the normal equations; -1 after `MAX_STATIONS` stations."""
         for number in np.unique(station).tolist():
             if number not in self._column and len(self._column) < MAX_STATIONS:
                 self._column[number] = len(self._column)
@@ -207,7 +207,7 @@ class RangeBiases:
 
 
 def _usable(station: Ints, residual: Floats) -> Bools:
-    """(N,) mask of residuals near the median of their station (inliers)."""
+    """Return the mask (N,) of inliers: residuals (N,) near the median of those of their station (N,)."""
     keep = np.ones(len(residual), dtype=np.bool_)
     for number in np.unique(station).tolist():
         own = station == number

@@ -98,7 +98,10 @@ class SystematicErrors:
         self._scale = np.zeros(2 * S)  # sums of squares of what a unit of each error is, in standard deviations
 
     def add(self, tracks: Tracks, stated: Sequence[StatedResiduals]) -> None:
-        """Add the residuals at more estimates, in the order of time."""
+        """Add the residuals at further estimates, in the order of time; nothing with fewer than two sensors.
+
+        `stated`: residuals with the standard deviations that are stated, by target and sensor.
+        """
         if len(self._sensors) < 2:
             return
         for target in np.unique([one.target for one in stated]).tolist():
@@ -108,13 +111,18 @@ class SystematicErrors:
                 self._add_target(tracks.take(of), [self._usable(one) for one in parts if len(one.residual)])
 
     def _usable(self, one: StatedResiduals) -> StatedResiduals:
-        """Remove outliers and bearings without information."""
+        """Return a copy without outliers and without bearings of very large standard deviation."""
         size = np.abs(one.residual)
         use = (size <= MAX_RESIDUAL * max(float(np.median(size)), MEDIAN)) & (one.sigma <= MAX_SIGMA_RAD)
         return one._replace(t_ns=one.t_ns[use], residual=one.residual[use], sigma=one.sigma[use])
 
     def _add_target(self, tracks: Tracks, parts: Sequence[StatedResiduals]) -> None:
-        """Add the residuals of one target."""
+        """Add the linearised residuals of one target, window by window.
+
+        Args:
+            tracks: estimates of the target, by time.
+            parts: residuals of its bearings by sensor.
+        """
         xy, first = np.column_stack([tracks.x, tracks.y]), tracks.t_ns[0]
         seconds = (tracks.t_ns - first) / NS
         # Errors of estimates follow the bearings; those of lines through neighbours are smoother
@@ -190,9 +198,14 @@ class SystematicErrors:
         return out
 
     def _sizes(self, taken: Bools, noise: float) -> tuple[Floats, Floats]:
-        """(2 S,) sizes and standard errors of the candidate errors, each estimated jointly with the selected ones.
+        """Return the sizes (2 S,) and standard errors (2 S,) of the candidate errors of S sensors.
 
-        Both are 0 for selected errors, and for those that the data do not determine.
+        Each is estimated jointly with the selected ones. Both are 0 for selected errors, and for those that the
+        data do not determine.
+
+        Args:
+            taken: (2 S,) mask of the selected errors.
+            noise: least variance factor of the residuals.
         """
         size, error = np.zeros(len(taken)), np.zeros(len(taken))
         base = np.flatnonzero(taken)
@@ -212,7 +225,7 @@ class SystematicErrors:
         return size, error
 
     def _limit(self, k: int) -> float:
-        """Smallest size of error k to report, given the noise of the sensor's bearings and its stated pose errors."""
+        """Return the smallest size of error k to report, by the noise of the sensor's bearings and its pose errors."""
         S = len(self._sensors)
         n, sensor = k % S, list(self._sensors.values())[k % S]
         # Root mean square of the error's column: what a unit of it is in standard deviations

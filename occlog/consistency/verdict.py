@@ -139,7 +139,7 @@ class ConsistencyEvidence:
     diagnosed: bool = False
 
     def fared(self, part: Diagnostics) -> None:
-        """Add rows of diagnostics."""
+        """Update the counts and the histogram of sample sizes with further rows of diagnostics."""
         self.diagnosed = True
         self.rows += len(part)
         self.targets.update(part.target_id.tolist())
@@ -156,7 +156,7 @@ class ConsistencyEvidence:
         self.particles.add(part.ess)
 
     def saw(self, tracks: Tracks, compared: ComparedBearings, scene: Scene) -> None:
-        """Add residuals of bearings, and counts of candidates near no track."""
+        """Update the statistics with the residuals of bearings at `tracks`, and with counts of candidates near none."""
         self.agreements.add(compared.residuals, pose_shares(tracks, scene))
         self.alone.add(compared.residuals)
         self.crowd.add(compared.frames)
@@ -169,7 +169,7 @@ class ConsistencyEvidence:
         self.rivals.setdefault(target, []).extend(rivals)
 
     def figures(self) -> dict[str, object]:
-        """Figures of a summary."""
+        """Return the figures of a command's summary: sample sizes, residual statistics, unassociated candidates."""
         found: dict[str, object] = {}
         if self.particles.rows:
             found["median_effective_sample_size"] = self.particles.median
@@ -182,15 +182,15 @@ class ConsistencyEvidence:
 
     @property
     def what(self) -> str:
-        """Name of the measurements that residuals are of, for messages."""
+        """Name of the measurements that residuals are of, such as `bearings`, for messages."""
         return "measurements" if self.distances else "bearings"
 
     def checks(self, *, one_target: bool, smoothed: bool = False) -> tuple[Check, ...]:
-        """All checks that the diagnostics and residuals allow, with their findings.
+        """Return all checks that the diagnostics and residuals allow, with their findings.
 
         Args:
-            one_target: candidates without a label are taken for one target's by the method.
-            smoothed: estimates were made from trajectories drawn backwards through the filter's particles.
+            one_target: the method takes candidates without a label for those of its one target.
+            smoothed: estimates are of trajectories that were drawn backwards through the filter's particles.
         """
         undiagnosed = "" if self.diagnosed else "there are no diagnostics"
         few, seen = f"fewer than {MIN_SAMPLES} {self.what} were judged", self.agreements.bearings
@@ -244,7 +244,7 @@ class ConsistencyEvidence:
         )
 
     def _depleted(self, smoothed: bool) -> Iterator[Check]:
-        """Report depleted particles (small effective sample size)."""
+        """Generate a finding if effective sample sizes are small too often; smoothed tracks have their own limit."""
         allowed = MAX_DEPLETED_SHARE_SMOOTHED if smoothed else MAX_DEPLETED_SHARE
         yield from depleted_particles(PARTICLES, self.particles, allowed)
 
@@ -270,7 +270,7 @@ class ConsistencyEvidence:
             )
 
     def _unseen(self) -> Iterator[Check]:
-        """Report targets that no sensor detected."""
+        """Generate a finding that lists the targets which no sensor ever detected."""
         unseen = sorted(self.targets - self.seen)
         if unseen and not self.distances:
             yield finding(
@@ -332,7 +332,7 @@ class ConsistencyEvidence:
             )
 
     def _rejected(self) -> Iterator[Check]:
-        """Report sensors with many rejected measurements."""
+        """Generate a finding for each sensor with more rejected measurements than the allowed share."""
         for name, own in sorted(self.agreements.sensors.items()):
             if own.bearings >= MIN_SAMPLES and exceeds_share(
                 own.bearings - own.inliers, own.bearings, MAX_REJECTED_SHARE
@@ -389,7 +389,7 @@ class ConsistencyEvidence:
                 )
 
     def _outside(self) -> Iterator[Check]:
-        """Report if bearings intersect outside the room."""
+        """Generate a finding if bearings intersect outside the room more often than allowed."""
         positions = self.positions
         if positions.rows >= MIN_SAMPLES and exceeds_share(positions.outside, positions.rows, MAX_FLAGGED_SHARE):
             yield finding(
@@ -402,7 +402,7 @@ class ConsistencyEvidence:
             )
 
     def _through_walls(self) -> Iterator[Check]:
-        """Report sensors that detect targets through walls."""
+        """Generate a finding for each sensor that detects targets behind walls more often than allowed."""
         for name, (saw, hidden) in sorted(self.positions.hidden.items()):
             if saw >= MIN_SAMPLES and exceeds_share(hidden, saw, MAX_FLAGGED_SHARE):
                 yield finding(
@@ -419,7 +419,7 @@ class ConsistencyEvidence:
         return math.fsum(a.means.expected for a in self.agreements.sensors.values())
 
     def _several(self) -> Iterator[Check]:
-        """Report persistent candidates near no track."""
+        """Generate a finding if candidates near no track persist: there may be more targets than tracks."""
         persistent = {
             name: share
             for name, share in self.crowd.persistent(MIN_SAMPLES).items()
@@ -441,7 +441,14 @@ class ConsistencyEvidence:
 def depleted_particles(
     check: str, particles: EffectiveSampleSizes, allowed: float, severity: Severity | None = None
 ) -> Iterator[Check]:
-    """Report depleted particles in more rows than the allowed share."""
+    """Generate a finding if the effective sample size is too small in more than the share `allowed` of the rows.
+
+    Args:
+        check: name of the check.
+        particles: histogram of effective sample sizes.
+        allowed: share of the rows, 0 to 1.
+        severity: of the finding; None: the declared one.
+    """
     if exceeds_share(particles.few, particles.rows, allowed):
         yield finding(
             check,

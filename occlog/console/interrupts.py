@@ -35,7 +35,7 @@ class Interrupts:
     """
 
     def __init__(self) -> None:
-        """Start without an interrupt."""
+        """Create the state before any interrupt or termination signal."""
         self.asked = self.raised = self.terminated = self._waiting = False
 
     def install(self) -> None:

@@ -36,7 +36,7 @@ def write_line(text: str, stream: TextIO | None) -> None:
 
 
 def named(text: str) -> str:
-    """Replace paths of temporary files in a text by their aliases."""
+    """Return a text in which paths of temporary files are replaced by their aliases."""
     for path, name in ALIASES.items():
         text = text.replace(path, name)
     return text
@@ -54,7 +54,10 @@ def notes_kept() -> Iterator[list[str]]:
 
 
 def note(message: str, quiet: bool = False) -> None:
-    """Write a line to standard error, or append it to the list of `notes_kept`."""
+    """Write the line `message` to standard error, or append it to the list of `notes_kept` within that context.
+
+    `quiet`: write nothing; the list of `notes_kept` gets it nevertheless.
+    """
     kept = _KEPT.get()
     if kept is not None:
         kept.append(spelled(message))
@@ -63,7 +66,7 @@ def note(message: str, quiet: bool = False) -> None:
 
 
 def note_once(message: str) -> None:
-    """Write a note once per command, even if a file is read several times.
+    """Write the note `message` unless this command has written it before, for example for a file read several times.
 
     A quiet command writes warnings only.
     """
@@ -74,7 +77,7 @@ def note_once(message: str) -> None:
 
 
 def note_findings(texts: Iterable[str], quiet: bool = False) -> None:
-    """Write findings to standard error, a line each; see `records.verdicts.texts_of`."""
+    """Write the texts of findings (`records.verdicts.texts_of`) to standard error, a line each, as `note` does."""
     for text in texts:
         note(text, quiet)
 
@@ -104,7 +107,7 @@ class DryRunPlan:
     """
 
     def __init__(self) -> None:
-        """Create an empty plan."""
+        """Create a plan without files that would be read or written."""
         self.reads: list[Path] = []
         self.writes: list[Path] = []
 
@@ -130,14 +133,14 @@ def note_uncached() -> None:
 
 
 def log_compiling() -> None:
-    """Report once that compilation takes long."""
+    """Report that compilation takes long, at the first call after it was announced; later calls do nothing."""
     while COMPILING:
         COMPILING.pop()(not _UNCACHED)
 
 
 @contextmanager
 def logging_to(listener: Callable[[str], None]) -> Iterator[None]:
-    """Context manager that sends details to a receiver."""
+    """Context manager: call `listener` with each line of details of the code inside."""
     token = LISTENER.set(listener)
     try:
         yield
@@ -157,7 +160,7 @@ def dry_run() -> Iterator[DryRunPlan]:
 
 
 def begin_work() -> None:
-    """Called after all checks, before work or writing begins; raises DryRunStop in a dry run."""
+    """Mark the end of all checks, before work or writing begins; raise DryRunStop in a dry run."""
     if DRY_RUN.get() is not None:
         raise DryRunStop
 
@@ -181,6 +184,12 @@ T = TypeVar("T")
 
 def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
     """Generate the items, with a progress bar on standard error if it is a terminal.
+
+    Args:
+        items: what to generate.
+        label: text before the bar.
+        total: number of items; None: their length, or unknown.
+        quiet: show no bar.
 
     Raises:
         KeyboardInterrupt: an interrupt was dropped earlier.

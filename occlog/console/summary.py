@@ -15,16 +15,16 @@ class InWords(list[object]):
     """A value of a summary with two forms: a list for `--json`, and text for people."""
 
     def __init__(self, values: Iterable[object], words: str) -> None:
-        """Store the values and their text."""
+        """Store the values of the list, and the text `words` that the summary prints in their stead."""
         super().__init__(values)
         self.words = words
 
 
 class ListedLoss(Protocol):
-    """Interface of a loss in a summary."""
+    """Interface of a loss of data (a damaged part of an input) in the list of a summary."""
 
     def as_dict(self) -> Mapping[str, object]:
-        """The loss as a JSON object."""
+        """Return the loss as a JSON object."""
 
 
 FROM_WHOLE, TO_WHOLE = 1e4, 1e15
@@ -32,13 +32,13 @@ FROM_WHOLE, TO_WHOLE = 1e4, 1e15
 
 
 def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
-    """Print the summary on standard output (`lines_of`)."""
+    """Print the summary on standard output: one JSON object if `as_json`, else lines of text (`lines_of`)."""
     for line in lines_of(summary, as_json):
         write_line(line, sys.stdout)
 
 
 def lines_of(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = ()) -> list[str]:
-    """Format a summary: one JSON object, or `key: value` lines for people.
+    """Return the lines of a summary: `key: value` for people, or one JSON object if `as_json`.
 
     Keys of the object are sorted, after those in `first`.
     """
@@ -65,7 +65,7 @@ def _nested(value: object) -> TypeGuard[dict[object, object]]:
 
 
 def _in_words(figures: object) -> str:
-    """Format the figures of one of several items (a camera, for example)."""
+    """Return the figures of one of several items (a camera, for example) as text."""
     if not isinstance(figures, dict):
         return _shown(figures)
     return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
@@ -84,7 +84,7 @@ def _shown(value: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """Convert a value for JSON: paths as text, NaN as null."""
+    """Return a value for JSON: paths as text, NaN as null."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -95,7 +95,7 @@ def _plain(value: object) -> object:
 
 
 def plausible_in_words(summary: Mapping[str, object]) -> str:
-    """Format the verdict of a summary: yes, or no with the ids of its warnings by stage."""
+    """Return the verdict of a summary as text: yes, or no with the ids of its warnings by stage."""
     if summary["plausible"] is None:
         return "not known (no check could be made)"
     if summary["plausible"]:
@@ -113,16 +113,20 @@ def plausible_in_words(summary: Mapping[str, object]) -> str:
 
 
 def strict_code(code: int, plausible: object, strict: bool) -> int:
-    """Exit code, or 6 if results are implausible (False) and --strict was given; None: unknown."""
+    """Return the exit code `code`, or 6 if --strict was given and `plausible` is False (None: unknown)."""
     return ExitCode.THRESHOLD if strict and plausible is False else code
 
 
 def finish(
     summary: Mapping[str, object], losses: Iterable[ListedLoss], as_json: bool, earlier: Iterable[ListedLoss] = ()
 ) -> int:
-    """Print the summary and list the losses; exit code 0, or 3 if anything was lost.
+    """Print the summary and list the losses; return exit code 0, or 3 if anything was lost.
 
-    In JSON, losses `earlier` in the processing of the inputs are listed as `lost_earlier`.
+    Args:
+        summary: figures by name.
+        losses: of this command.
+        as_json: print one JSON object.
+        earlier: losses in the processing of the inputs; in JSON they are listed as `lost_earlier`.
     """
     lost, before = list(losses), [loss.as_dict() for loss in earlier]
     listed = {"losses": [loss.as_dict() for loss in lost], **({"lost_earlier": before} if before else {})}

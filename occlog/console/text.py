@@ -16,29 +16,29 @@ _FOREIGN = re.compile(rf"[\x00-\x06\x0b\x0c\x0e-\x1a\x1c-\x1f{_INVISIBLE}]")
 
 
 def noun(count: float, one: str, many: str = "") -> str:
-    """Singular `one` for a count of 1, else the plural `many` (default: `one` with an s)."""
+    """Return the noun for a count: `one` for 1, else `many` (empty: `one` with an s)."""
     return one if count == 1 else many or f"{one}s"
 
 
 def counted(count: int, one: str, many: str = "") -> str:
-    """Format a count: `1 camera`, `2 cameras`, `2 boxes` with many="boxes"."""
+    """Return a count with its noun: `1 camera`, `2 cameras`, and `2 boxes` with one="box", many="boxes"."""
     return f"{count} {noun(count, one, many)}"
 
 
 def in_seconds(t_ns: int) -> str:
-    """Format a time in seconds with all digits: `1.25` for 1,250,000,000 ns."""
+    """Return a time [ns] in seconds with all digits: `1.25` for 1,250,000,000 ns."""
     whole, rest = divmod(abs(t_ns), 10**9)
     text = f"{whole}.{rest:09d}".rstrip("0").rstrip(".")
     return f"-{text}" if t_ns < 0 else text
 
 
 def as_bytes(text: str) -> bytes:
-    r"""Encode a text in UTF-8; invalid bytes of file names become escapes (`\udce9`)."""
+    r"""Return a text in UTF-8; invalid bytes of file names become escapes (`\udce9`)."""
     return text.encode(errors="backslashreplace")
 
 
 def escaped(text: str, *, bars: bool = False) -> str:
-    r"""Escape control characters and those that change the writing direction (`\u202e`).
+    r"""Return a text with escapes for control characters and those that change the writing direction (`\u202e`).
 
     Line ends and tabs are kept; with `bars` also the cursor controls of progress bars.
     """

@@ -78,7 +78,13 @@ def open_tables(request: EvaluateRequest) -> tuple[Opened | None, Opened | None,
 
 
 def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSource:
-    """Open distance measurements, with the settings used for the tracks, or defaults if these are unknown."""
+    """Open distance measurements or tag reads, with the settings of the tracks, or defaults if these are unknown.
+
+    Args:
+        path: file or recording.
+        tracks: file that states the settings; None: there is none.
+        scene: positions of the stations; UsageError without sensors.
+    """
     opened = open_input(path, Measurements, Reads)
     if not scene.sensors:
         raise UsageError(f"{path}: stations have no positions without a scene; give one", id="missing-pose")
@@ -99,17 +105,24 @@ def open_measured(path: Path, tracks: Opened | None, scene: Scene) -> MeasuredSo
 
 
 def _radio(reported: dict[str, Any]) -> Radio:
-    """Path loss model with which tracks were made, from their provenance."""
+    """Return the path loss model with which tracks were made, from the values in their provenance."""
     return Radio(**(reported | {"shadowing": SignalErrors(**reported["shadowing"])}))
 
 
 def _open_truth(path: Path, fps: Fraction | None) -> Opened:
-    """Open true positions, boxes or both."""
+    """Open an input with true positions, true boxes or both; `fps` gives frame numbers their times."""
     return _open(path, fps, Truth, TruthBoxes, remedy="leave the truth out, or ingest the recording with its truth")
 
 
 def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: str = REMEDY) -> Opened:
-    """Open an input that may have frame numbers if it is external; InputError without a frame rate."""
+    """Open an input that holds one of the tables; an external one may count frames.
+
+    Args:
+        path: file or recording.
+        fps: frame rate; None: InputError if the file counts frames.
+        tables: types of the tables that are needed.
+        remedy: words for the message if a table is missing.
+    """
     if fps is None and (counted := frames_counted_by(path)):
         raise InputError(
             f"{path}: column {counted} counts frames, not times; give the frame rate ({option('fps')})",
@@ -119,7 +132,7 @@ def _open(path: Path, fps: Fraction | None, *tables: type[ColumnTable], remedy: 
 
 
 def _scene(request: EvaluateRequest, tracks: Opened | None, truth: Opened | None) -> Scene:
-    """Load the scene of `--scene` or of the recording.
+    """Return the scene of `--scene` or of the recording.
 
     Views, and tracks with a truth, can be compared without a scene, in the unit that they state, or in metres.
     """

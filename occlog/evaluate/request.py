@@ -147,7 +147,7 @@ class EvaluateRequest(Request):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that frames are a range."""
+        """Generate the rule (field, whether it holds, words) that `frames` is a range."""
         if self.frames is not None:
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
@@ -163,7 +163,7 @@ class EvaluateRequest(Request):
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that are read, without duplicates."""
+        """Paths of all input files, without duplicates."""
         pairs = tuple(path for pair in self.additional or () for path in pair)
         files = (self.tracks, self.truth, *pairs, self.bearings, self.doa, self.views, self.cooperation)
         more = (self.diagnostics, self.measurements, self.scene, self.truth_azimuths)

@@ -30,15 +30,15 @@ class Evaluation:
     """Figures of an evaluation, and the tables behind them.
 
     Attributes:
-        metrics: flat; the unit is the end of the name.
+        metrics: figures by name, which ends in the unit.
         errors: of every estimate that has a truth.
         bound: posterior Cramer-Rao bound.
         failures: of trackers.
         counts: of targets and tracks on the ground, over time.
-        notes: lines that the user must know of.
+        notes: lines for the user.
         checks: checks of the tracks; None: no check was possible.
-        verdicts: that of this evaluation, after those of the stages before it.
-        plugged: names of the metrics that are of plug-ins.
+        verdicts: of this evaluation, after those of the stages before it.
+        plugged: names of the figures of plug-ins.
     """
 
     metrics: dict[str, float]
@@ -53,7 +53,7 @@ class Evaluation:
 
     @property
     def figures(self) -> dict[str, object]:
-        """Figures with the verdict."""
+        """All figures by name, with the verdict on plausibility."""
         return {**self.metrics, **summary_of(self.verdicts)}
 
 
@@ -85,7 +85,7 @@ def parse_threshold(text: str) -> Threshold:
 
 
 def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
-    """Message for each threshold that is violated, or has a metric that is missing, ambiguous or not a number."""
+    """Return a message for each threshold that `metrics` violate, or whose figure is missing, ambiguous or NaN."""
     return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
 
 
@@ -106,7 +106,7 @@ def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
 
 
 def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
-    """Full names that a metric name, with or without unit, can mean."""
+    """Return the full names in `metrics` that a name, with or without unit, can mean."""
     if name in metrics:
         return [name]
     return [full for full in (f"{name}_{unit}" for unit in UNITS) if full in metrics]
@@ -375,7 +375,13 @@ BY_RECORDING = (
 
 
 def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[str, float], unit: str) -> list[str]:
-    """Table with a row per recording and one for all together."""
+    """Return the lines of a table with a row per recording, and one for all together.
+
+    Args:
+        each: figures by recording.
+        combined: figures over all.
+        unit: of lengths.
+    """
     rows = {**each, "all": combined}
     flat = {f"{key}_recording_{name}": value for name, row in rows.items() for key, value in row.items()}
     used = [entry for entry in BY_RECORDING if next(_keys([entry], "", unit))[0] in combined]
@@ -422,28 +428,35 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
 
 
 def without_per_target(figures: Mapping[str, object]) -> dict[str, object]:
-    """Figures without those of each target if there are many (the output file has all)."""
+    """Return a copy of the figures without those of each target if there are many (the output file has all)."""
     targets = {found[0] for name in figures if (found := OF_TARGET.search(name))}
     few = len({name.rstrip("_") for name in targets}) <= MAX_TARGETS_SHOWN
     return {name: value for name, value in figures.items() if few or not OF_TARGET.search(name)}
 
 
 def number(value: float) -> str:
-    """Format a number: four digits, whole numbers in full, a dash for NaN."""
+    """Return `value` as text: four digits, whole numbers in full, a dash for NaN."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value:.4g}"
 
 
 def _keys(entries: Iterable[Entry], suffix: str, unit: str) -> Iterator[tuple[str, str, str]]:
-    """Full name, label and unit of each entry."""
+    """Generate full name, label and unit of each entry; `suffix` follows the name, lengths are in `unit`."""
     for name, label, of in entries:
         of = unit if of == "length" else of
         yield f"{name}{suffix}_{of}" if of else f"{name}{suffix}", label, of
 
 
 def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], unit: str) -> list[str]:
-    """Targets or sensors with a figure in one of the columns, in the order of the metrics."""
+    """Return the targets or sensors that have a figure in one of the columns, in the order of the metrics.
+
+    Args:
+        metrics: figures by name.
+        kind: `target` or `sensor`.
+        columns: entries of the table.
+        unit: of lengths.
+    """
     found: dict[str, None] = {}
     for pattern, _, _ in _keys(columns, f"_{kind}_\0", unit):
         start, end = pattern.split("\0")

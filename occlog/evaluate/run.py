@@ -66,7 +66,7 @@ NOT_COMBINED = ("ospa2_window",)
 
 
 class EvaluatedRecording(NamedTuple):
-    """Tracks and truth of one recording."""
+    """Paths of tracks and truth of one recording."""
 
     tracks: Path
     truth: Path
@@ -96,7 +96,10 @@ ALONE = (
 
 
 def evaluate_several(request: EvaluateRequest, job: Job) -> MultiRecordingFigures:
-    """Evaluate several recordings (all in images, or all on the ground), and write the figures."""
+    """Evaluate several recordings, write the figures, and return those of each and of all together.
+
+    UsageError unless all are in images or all on the ground, or for an option that applies to one recording.
+    """
     for entry in Form(EvaluateRequest).entries():
         if entry.field in ALONE and getattr(request, entry.field):
             raise UsageError(
@@ -150,7 +153,14 @@ def _in_images(sides: Sequence[EvaluateRequest]) -> tuple[list[Metrics], Metrics
 
 
 def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tuple[list[Metrics], Metrics, str]:
-    """Figures of each recording and of all together, and the length unit."""
+    """Return the figures of each recording and of all together, and their unit of length.
+
+    Args:
+        sides: request for each recording.
+        chosen: settings given by the user.
+
+    UsageError if the units differ, or a truth has no positions.
+    """
     opened = [open_sources(side, held_boxes=False) for side in sides]
     units = [scene.length_unit for _, scene, _ in opened]
     if len(set(units)) > 1:
@@ -188,7 +198,7 @@ GATE_DEG = 10.0
 
 
 def kind_of_input(request: EvaluateRequest) -> str:
-    """Kind of input of a request: the first that fits."""
+    """Return the kind of input of a request: the first one whose inputs it names."""
     if request.truth_azimuths is not None:
         return AZIMUTHS
     if in_images(request.tracks):
@@ -197,7 +207,7 @@ def kind_of_input(request: EvaluateRequest) -> str:
 
 
 def run_evaluate(request: EvaluateRequest, job: Job) -> JobResult:
-    """Evaluate, and write the outputs."""
+    """Evaluate as requested, write the outputs, and return summary, earlier losses and violated thresholds."""
     thresholds = _thresholds(request.fail_if, names_of_figures(request.metrics))
     if job.kind == AZIMUTHS:
         figures, losses = _of_directions(request, job)
@@ -234,7 +244,7 @@ def _lines(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = 
 
 
 def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
-    """Format the figures as text."""
+    """Return the figures as text, or as one JSON object if `as_json`; `unit`: of lengths."""
     if as_json:
         first = headline.first_of(result.metrics) if headline.independent_ids(result.metrics) else ()
         return _lines(without_per_target(result.figures), True, first)
@@ -319,14 +329,21 @@ def _in_world(request: EvaluateRequest, job: Job) -> tuple[Evaluation, str]:
 def _parameters(
     request: EvaluateRequest, config: EvaluateConfig, many: MultiTargetConfig | None, unit: str
 ) -> dict[str, object]:
-    """Parameters of the evaluation, for provenance."""
+    """Return the parameters of the evaluation for provenance.
+
+    Args:
+        request: labels and plug-ins.
+        config: settings of the evaluation.
+        many: settings of the multi-target figures; None: there are none.
+        unit: of lengths.
+    """
     out = asdict(config) | ({"doa_labels": True} if request.doa_labels else {})
     out |= {} if many is None else {"multi_target": asdict(many)}
     return out | ({"metrics": [each.provenance(unit) for each in request.metrics]} if request.metrics else {})
 
 
 def _write_scene(path: Path, scene: Scene, noise: Mapping[str, MeasuredNoise], *, overwrite: bool) -> None:
-    """Write the scene with the noise measured at known positions."""
+    """Write the scene, with the noise measured at known positions, as YAML; `overwrite`: replace an existing file."""
     text = noise_comment(noise) + scene_to_yaml(scene_with(scene, noise))
     write_bytes(path, text.encode(), overwrite)
 
@@ -405,7 +422,10 @@ def _check_used(request: EvaluateRequest, given: Mapping[str, object]) -> None:
 
 
 def simulated(truth: Path | None) -> dict[str, float]:
-    """Process noise and diameter of moving objects from the provenance of a simulated truth."""
+    """Return process noise and diameter of moving objects from the provenance of a simulated truth, by setting.
+
+    Empty for another truth.
+    """
     # A table that counts frames has no recording, whatever their rate
     opened = None if truth is None else open_input(truth, fps=Fraction(1))
     if opened is None or opened.recording is None or opened.provenance.command != "simulate":
@@ -420,7 +440,7 @@ def simulated(truth: Path | None) -> dict[str, float]:
 
 
 def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
-    """InputError if the tracks were made with a held-out sensor."""
+    """InputError if the tracks were made with one of the sensors `held_out`."""
     if tracks is None or not held_out:
         return
     made = tracks.provenance.parameters
@@ -435,7 +455,10 @@ def _check_held_out(tracks: Opened | None, held_out: tuple[str, ...]) -> None:
 
 
 def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float], tuple[Loss, ...]]:
-    """Evaluate directions of arrival against true ones, and write the outputs; return figures and input losses."""
+    """Evaluate directions of arrival against true ones, and write the outputs; return figures and input losses.
+
+    UsageError if an input is missing or superfluous; InputError if none has a truth at its time.
+    """
     doa, truth = request.doa, request.truth_azimuths
     if request.tracks is not None:
         raise UsageError(
@@ -467,7 +490,7 @@ def _of_directions(request: EvaluateRequest, job: Job) -> tuple[dict[str, float]
 
 
 def _true_directions(path: Path, found: Doa) -> Doa:
-    """True directions; a log without a sensor column is of the only array."""
+    """Return the true directions in a table or log; a log without a sensor column is of the only array in `found`."""
     opened = open_if_ours(path)
     if opened is not None:
         return opened.read(Doa)

@@ -110,24 +110,24 @@ class EvaluationSources:
         return replace(out, **during)
 
     def _times_of_frames(self) -> Iterator[Iterator[Ints]]:
-        """Times by which frames are numbered: those of true targets, or else of the next source."""
+        """Generate for each source the times [ns] that may number the frames: true targets first, then the others."""
         yield (rows.t_ns[rows.role == "target"] for rows in rows_of(self.truth))
         for chunks in (self.truth_boxes, self.bearings, self.boxes, self.tracks):
             yield (times(rows) for rows in rows_of(chunks))
 
 
 def rows_of(chunks: Chunks[T] | None) -> Iterator[T]:
-    """Iterator over the rows in chunks; empty without a source."""
+    """Return an iterator over the chunks of a source; empty without a source (None)."""
     return iter(()) if chunks is None else chunks()
 
 
 def in_memory(table: T | None) -> Chunks[T] | None:
-    """A table in memory as one chunk; None is unchanged."""
+    """Return a function that generates a table in memory as one chunk; None for None."""
     return None if table is None else lambda: iter([table])
 
 
 def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
-    """Source of a table's rows; None without a file or rows.
+    """Return a function that generates a table's rows in chunks; None without a file or rows.
 
     Rows of a recording or an external table, which are slow to read, are buffered on disk in the first pass.
     """
@@ -152,22 +152,28 @@ def _gathered(chunks: Chunks[T]) -> Iterator[T]:
 
 
 def _during(chunks: Chunks[T], span: Span) -> Iterator[T]:
-    """Rows in a time range, the end of which is excluded."""
+    """Generate the chunks of rows with times [ns] in `span`, the end of which is excluded."""
     for chunk in chunks():
         yield chunk.take((times(chunk) >= span[0]) & (times(chunk) < span[1]))
 
 
 def _numbered(chunks: Chunks[N] | None, frames: tuple[int, int]) -> Chunks[N] | None:
-    """Rows of the frames first <= number < stop."""
+    """Return a function that generates the rows of the frames first <= number < stop; None for None."""
     if chunks is None:
         return None
     return lambda: (rows.take((rows.frame >= frames[0]) & (rows.frame < frames[1])) for rows in chunks())
 
 
 def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Chunks[Bearings] | None:
-    """Source of all bearings, with directions of arrival converted to bearings, as in `occlog track`; repeatable.
+    """Return a function that generates all bearings, directions of arrival converted, as in `occlog track`; None: none.
 
-    Those of a recording are used along with its bearings unless others are named.
+    Directions of a recording are used along with its bearings unless others are named.
+
+    Args:
+        path: bearings, table or recording.
+        doa: directions of arrival.
+        labels: directions keep their labels; UsageError without any.
+        scene: poses of the arrays.
     """
     measured = None if path is None else open_input(path)
     directions = None if doa is None else open_input(doa)
@@ -232,7 +238,7 @@ def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | No
 
 
 def missing_frames_message(frames: tuple[int, int], count: int) -> InputError:
-    """Message about missing frames."""
+    """Return the error that no frame is in the range `frames` (first, stop), of the `count` that there are."""
     return InputError(f"frames {frames[0]}:{frames[1]}: there are {count} of them, numbered from 0", id="empty-input")
 
 

@@ -67,13 +67,13 @@ class CooperationCounts:
     """Accumulates counts of camera requests in the order of time."""
 
     def __init__(self) -> None:
-        """Start without requests."""
+        """Create counts without requests."""
         self._rows = self._own = self._answered = self._frames = self._times = 0
         self._causes: Counter[str] = Counter()
         self._span: tuple[int, int] | None = None
 
     def update(self, asked: Cooperation) -> None:
-        """Add the requests of further times."""
+        """Add the requests of further, whole times."""
         own = asked.take(asked.cause != SHARED)
         self._rows, self._own = self._rows + len(asked), self._own + len(own)
         self._answered += int(np.count_nonzero(own.answered))
@@ -299,7 +299,12 @@ class Evaluator:
         return Evaluation({name: float(v) for name, v in metrics.items()}, notes=tuple(notes), checks=checks)
 
     def _prepare(self, ground: GroundFigures | None, many: MultiTargetConfig | None) -> dict[int, int]:
-        """Determine the target of each track, and prepare the multi-target figures by a pass over all frames."""
+        """Return the target of each track by label, found by a pass over all frames if need be.
+
+        Args:
+            ground: multi-target figures, which the pass prepares; None: there are none.
+            many: their settings.
+        """
         known, by_number = self.known, self._config.match == "id"
         if not self._compares:
             return {}
@@ -342,7 +347,12 @@ class Evaluator:
             begin += len(times)
 
     def _figures(self, errors: TrackErrors, seen: AgainstBearings | None) -> tuple[Metrics, list[str]]:
-        """All figures except multi-target ones, and notes."""
+        """Return all figures except multi-target ones, and notes.
+
+        Args:
+            errors: figures of the errors.
+            seen: figures of bearings; None: there are none.
+        """
         known, sources, notes = self.known, self._sources, list[str]()
         metrics: Metrics = {}
         if self._compares:
@@ -374,7 +384,7 @@ class Evaluator:
         return held_out_box_metrics(whole, table, self._scene, self._config)
 
     def _of_views(self) -> Metrics:
-        """Figures of views against true boxes."""
+        """Return the figures of views (silhouettes) against true boxes; empty without both."""
         views, true = self._sources.views, self._sources.truth_boxes
         if views is None or true is None:
             return {}
@@ -387,7 +397,7 @@ class Evaluator:
         return figures.result()
 
     def _of_requests(self) -> Metrics:
-        """Cost of camera requests."""
+        """Return the figures of camera requests (numbers, causes); empty without requests."""
         asked: Chunks[Cooperation] | None = self._sources.cooperation
         if asked is None:
             return {}
@@ -402,14 +412,21 @@ PURE = ("", "1")
 
 
 def full_name(plugin: str, figure: str, unit: str, length_unit: str) -> str:
-    """Full name of a plug-in's figure with its unit: `gaps_longest_s`."""
+    """Return the name of a plug-in's figure in the summary, for example `gaps_longest_s`.
+
+    Args:
+        plugin: name of the plug-in.
+        figure: its name for the figure.
+        unit: of the figure; the word `length` in it is replaced.
+        length_unit: of the scene.
+    """
     of = unit.replace("length", length_unit)
     own = f"{plugin.replace('-', '_')}_{figure}"
     return own if of in PURE else f"{own}_{of}"
 
 
 def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
-    """Full names of all figures of plug-ins, in any length unit."""
+    """Return the full names of all figures of the chosen metric plug-ins, in any length unit."""
     lengths = (*METRES, "unit")
     return {
         full_name(each.plugin.name, name, unit, length)
@@ -420,7 +437,10 @@ def names_of_figures(plugged: Iterable[Chosen]) -> set[str]:
 
 
 def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
-    """Description of what is wrong with a metric plug-in's result; None if it is valid."""
+    """Return what is wrong with the figures that a metric plug-in returned; None if they are valid.
+
+    `units`: unit of each figure that the plug-in declares.
+    """
     if not isinstance(figures, Mapping):
         return f"figures gives a {type(figures).__name__}; a mapping of names to numbers was expected"
     for name in units:
@@ -439,7 +459,17 @@ def fault_of(figures: object, units: Mapping[str, str]) -> str | None:
 def with_plugins(
     result: Evaluation, plugged: Iterable[Chosen], tracks: Tracks, truth: Truth, length_unit: str
 ) -> Evaluation:
-    """The evaluation with figures of plug-ins; PluginError if one fails or returns invalid values."""
+    """Return the evaluation with figures of plug-ins added.
+
+    Args:
+        result: the evaluation.
+        plugged: chosen metric plug-ins.
+        tracks: of the evaluation.
+        truth: of the evaluation.
+        length_unit: of both.
+
+    PluginError if one fails or returns invalid values; UsageError for a name that the evaluation has.
+    """
     metrics, names = dict(result.metrics), list[str]()
     for each in plugged:
         own: Metric = each.make(length_unit)

@@ -68,7 +68,7 @@ class TrackProvenance(NamedTuple):
 
     @classmethod
     def of(cls, provenance: Provenance) -> TrackProvenance:
-        """Read from the tracks' provenance."""
+        """Return what the provenance of tracks states about how they were made."""
         parameters = provenance.parameters
         sensors, window = parameters.get("sensors"), parameters.get("window_ns")
         return cls(
@@ -123,14 +123,19 @@ def checks_with_truth(
 
 
 def _truth_of_another_target(found: ConsistencyEvidence, metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Finding that bearings agree with tracks far from the truth, and disagree with the truth."""
+    """Generate a finding if bearings agree with tracks that are far from the truth, and disagree with the truth.
+
+    Args:
+        found: agreement of the bearings with the tracks.
+        metrics: figures of the evaluation, by name.
+    """
     nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
     if there > MAX_BEARING_NIS and nis.value <= NIS_HIGH and found.agreements.doubted <= MAX_REJECTED_SHARE:
         yield finding(IDENTITY, "truth-of-another-target", nis_of_tracks=nis.value, nis=there, allowed=MAX_BEARING_NIS)
 
 
 def _errors_on_assigned_target(errors: Errors, scene: Scene) -> Errors:
-    """Errors of tracks while they are on their assigned target.
+    """Return the errors of tracks while they are on their assigned target.
 
     After an identity switch, the distance to the assigned target says nothing about covariances.
     """
@@ -148,7 +153,7 @@ class _Nees:
         self._outside: dict[int, BatchMeans] = {}
 
     def update(self, target: int, nees: Floats) -> None:
-        """Add values of a target, NaN where the covariance is singular."""
+        """Add values `nees` (n,) of a target, NaN where the covariance is singular."""
         finite = np.isfinite(nees)
         self.n_finite += int(finite.sum())
         squares = nees[finite]
@@ -177,7 +182,7 @@ class CovarianceConsistency:
         self._ground, self._space = _Nees(2, CHI2_95_2D), _Nees(3, CHI2_95_3D)
 
     def update(self, errors: Errors) -> None:
-        """Add errors in the order of time."""
+        """Add errors with their NEES, in the order of time."""
         if self._own_numbers and self._scene is not None:
             errors = _errors_on_assigned_target(errors, self._scene)
         self.rows += len(errors)
@@ -188,7 +193,7 @@ class CovarianceConsistency:
             self._space.update(target, errors.nees_space[own])
 
     def update_pairs(self, targets: Ints, nees: Floats) -> None:
-        """Add per-frame pairs on the ground, in the order of time: targets and NEES."""
+        """Add per-frame pairs on the ground, in the order of time: their targets (n,) and NEES (n,)."""
         self.rows += len(nees)
         for target, rows in rows_by_label(targets):
             self._ground.update(target, nees[rows])
@@ -209,7 +214,7 @@ class CovarianceConsistency:
 
 
 def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
-    """Findings about inconsistent covariances."""
+    """Generate findings about covariances that are singular, too small or too large; `rows`: number of estimates."""
     dimensions, mean, share = found.dimensions, found.mean, found.share
     singular = rows - found.n_finite
     if exceeds_share(singular, rows, MAX_SINGULAR_SHARE):
@@ -242,7 +247,7 @@ def _of_nees(found: _Nees, rows: int) -> Iterator[Check]:
 
 
 def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
-    """Findings from other figures of the evaluation."""
+    """Return the checks of the detection rate, and of the errors against the bound."""
     return (
         *outcome(
             DETECTIONS,
@@ -262,14 +267,14 @@ def _of_figures(metrics: Mapping[str, object]) -> tuple[Check, ...]:
 
 
 def _no_bound(metrics: Mapping[str, object]) -> str:
-    """Reason why errors are not compared with the bound; empty if they are."""
+    """Return the reason why errors are not compared with the bound, by the figures; empty if they are."""
     if independent_ids(metrics):
         return "tracks have their own identities, so that errors count their switches"
     return "" if _number(metrics, "bound_estimates") >= MIN_SAMPLES else "there is no bound"
 
 
 def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Finding about bearings that are not of the true targets."""
+    """Generate a finding if the detection rate in `metrics` is low: bearings are not of the true targets."""
     rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
     if rate < MIN_DETECTION_RATE and exceeds_share(
         round((1.0 - rate) * visible), round(visible), 1.0 - MIN_DETECTION_RATE
@@ -278,14 +283,14 @@ def _not_detected(metrics: Mapping[str, object]) -> Iterator[Check]:
 
 
 def _far_from_bound(metrics: Mapping[str, object]) -> Iterator[Check]:
-    """Finding about errors far above the bound."""
+    """Generate a finding if the errors are far above the bound."""
     ratio = _number(metrics, "bound_ratio")
     if ratio > MAX_BOUND_RATIO and not _no_bound(metrics):
         yield finding(BOUND, "error-far-above-bound", ratio=ratio, allowed=MAX_BOUND_RATIO)
 
 
 def _number(metrics: Mapping[str, object], name: str) -> float:
-    """A figure by name; NaN if missing."""
+    """Return the figure of this name; NaN if it is missing or no number."""
     value = metrics.get(name)
     return float(value) if isinstance(value, int | float) else math.nan
 
@@ -328,7 +333,14 @@ class SightEvidence:
         bearings: TableBuffer[Bearings],
         diagnostics: TableBuffer[Diagnostics] | None,
     ) -> None:
-        """Add a section; `diagnostics` have the same rows as the tracks (`in_rows_of`)."""
+        """Compare the bearings of a section with the tracks, and add the residuals to the evidence.
+
+        Args:
+            limits: times of the section.
+            tracks: buffered tracks.
+            bearings: buffered bearings.
+            diagnostics: with the same rows as the tracks (`in_rows_of`); None: there are none.
+        """
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
         fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
@@ -355,7 +367,7 @@ class SightEvidence:
         self._alone.add(residuals, limits.end)
 
     def finish(self) -> None:
-        """Finish after the last section."""
+        """Close the comparison after the last section: pending bearings, and the share of pose errors by camera."""
         self._alone.add(Residuals.empty(), LAST)
         for camera in self._scene.cameras:
             found = self._evidence.agreements.sensors.get(camera.name)

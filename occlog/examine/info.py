@@ -86,7 +86,7 @@ def describe_folder(folder: Path, describe: Callable[[Path], Described]) -> Desc
 
 
 def _kinds(path: Path) -> list[FileContent]:
-    """Possible kinds of a file, for readers of `occlog ingest`; empty for a damaged one."""
+    """Return what a file may be for the readers of `occlog ingest`; empty for a damaged one."""
     try:
         return contents_of(path)
     except InputError:
@@ -132,7 +132,7 @@ class Description(NamedTuple):
 
 
 def describe(path: Path, rows: int) -> Description:
-    """Describe a file by its content; for a table also the first rows."""
+    """Describe a file by its content; of a table also the first `rows` rows."""
     from occlog.io.files.limits import describe_unsupported
     from occlog.io.open import is_table_in_parts, open_if_ours, open_input
 
@@ -258,7 +258,7 @@ def _camera(c: Camera) -> dict[str, object]:
 
 
 def _angles(c: Camera) -> tuple[float, float, float]:
-    """Yaw, pitch and roll of a camera [deg]."""
+    """Return yaw, pitch and roll of a camera [deg]."""
     from occlog.core.geometry.camera import angles_from_rotation
 
     yaw, pitch, roll = (math.degrees(a) for a in angles_from_rotation(c.rotation))
@@ -266,7 +266,7 @@ def _angles(c: Camera) -> tuple[float, float, float]:
 
 
 def _array_more(array: MicrophoneArray) -> str:
-    """Format the properties of an array that differ from the default."""
+    """Return the properties of an array that differ from the default, as text."""
     parts = []
     if not array.upright:
         parts.append(f"pitch {math.degrees(array.pitch):.3g} deg, roll {math.degrees(array.roll):.3g} deg")
@@ -280,7 +280,7 @@ def _array_more(array: MicrophoneArray) -> str:
 
 
 def _reader_words(reader: TagReader) -> str:
-    """Format a reader's position, with range and power if known."""
+    """Return a reader's position, with range and power if known, as text."""
     far = f", range {reader.range:g}" if math.isfinite(reader.range) else ""
     power = "" if reader.power is None else f", {reader.power:g} dBm at 1 m"
     x, y, z = reader.position
@@ -328,7 +328,7 @@ def _describe_recording(recording: McapRecording) -> Description:
 
 
 def _epipolar_lines(recording: McapRecording) -> Iterator[str]:
-    """Lines for the pairs of views with a fundamental matrix in a recording."""
+    """Generate a line for each pair of views with a fundamental matrix in a recording."""
     from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 
     found = attached_epipolar(recording)
@@ -347,7 +347,7 @@ def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
 
 
 def _verdict_lines(path: Path) -> list[str]:
-    """Lines for the verdicts of the stages that made a file: plausible or not, number of checks, findings."""
+    """Return lines on the verdicts of the stages that made a file: plausible or not, number of checks, findings."""
     from occlog.io.files.inputs import verdicts_of_file
     from occlog.records.verdicts import counts_of, found_by_stage, summary_of
 
@@ -402,14 +402,14 @@ def _describe_foreign(table: ForeignTable) -> Description:
 
 
 def _unit_of(spelled: Spelling) -> str:
-    """Unit of an external column; for a speed in cm/s the name states the length unit."""
+    """Return the unit of an external column; for a speed in cm/s the name states the length unit."""
     from occlog.records.columns import LENGTHS, in_length_unit
 
     return in_length_unit(spelled.column.unit, spelled.unit) if spelled.column.unit in LENGTHS else spelled.unit
 
 
 def _first_rows(path: Path, rows: int) -> list[str]:
-    """First rows of a table as text, right-aligned under column names."""
+    """Return the first `rows` rows of a table as lines of text, right-aligned under column names."""
     from occlog.io.files.tables.parquet import first_rows
 
     columns = [

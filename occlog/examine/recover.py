@@ -58,7 +58,7 @@ def command(file: Path, output: Path, videos: tuple[str, ...], overwrite: bool, 
 
 
 def _made_again(path: Path) -> str:
-    """Remedy for a damaged table: the command and inputs that made it, if stated in its footer."""
+    """Return the remedy for a damaged table: command and inputs that made it, if its footer states them."""
     from occlog.io.files.tables.parquet import read_header
 
     try:
@@ -74,14 +74,14 @@ def _made_again(path: Path) -> str:
 
 
 def _times(span: tuple[int, int] | None) -> dict[str, object]:
-    """Summary entries for the first and last time."""
+    """Return the summary entries for the first and last time `span` [ns]; empty for None."""
     from occlog.io.files.timing.utc import utc
 
     return {} if span is None else {"from": utc(span[0]), "to": utc(span[1]), "seconds": (span[1] - span[0]) / 1e9}
 
 
 def _named(text: str) -> tuple[str, Path]:
-    """Parse CAMERA=FILE."""
+    """Return camera and path of a text `CAMERA=FILE`; UsageError for other text."""
     camera, given, path = text.partition("=")
     if not (camera and given and path):
         raise UsageError(f"--video {text}: expected CAMERA=FILE")

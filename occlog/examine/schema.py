@@ -83,18 +83,18 @@ NAMES = {"epipolar": "epipolar-settings", "plan": "plan-settings"}
 
 
 def load(where: str) -> Any:
-    """Import the value of `module:name`."""
+    """Import the object that `where` names as `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)
 
 
 def verbs() -> tuple[str, ...]:
-    """Commands that have settings."""
+    """Return the names of the commands that have settings."""
     return (*CLASSES, "track")
 
 
 def settings_of(verb: str) -> dict[str, type[Settings]]:
-    """Settings classes of a command by owner; of `track` by method."""
+    """Return the settings classes of the command `verb` by owner; of `track` by method."""
     if verb != "track":
         classes = [load(where) for where in CLASSES[verb]]
         return {of.OWNER: of for of in classes}
@@ -103,7 +103,10 @@ def settings_of(verb: str) -> dict[str, type[Settings]]:
 
 
 def settings_schema(verb: str) -> dict[str, object]:
-    """JSON Schema of the settings of a command: one definition per class; an object matches one of them."""
+    """Return the JSON Schema of the settings of the command `verb`.
+
+    One definition per class; an object matches one of them.
+    """
     from occlog.settings import json_schema
 
     parts = {name: json_schema(of) for name, of in settings_of(verb).items()}

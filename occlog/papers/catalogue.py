@@ -192,13 +192,24 @@ def choose(
 
 
 def size_of(experiment: Experiment, *, quick: bool, runs: int | None, steps: int | None, seed: int) -> Size:
-    """Return the number of runs and steps: the stated ones, else those of the quick form or the paper."""
+    """Return the size of an experiment.
+
+    Args:
+        experiment: with its own numbers of runs and steps.
+        quick: take those of the quick form, not of the paper.
+        runs: stated number; None: its own.
+        steps: stated number; None: its own.
+        seed: of all random numbers.
+    """
     own = experiment.quick if quick else (experiment.runs, experiment.steps)
     return Size(runs or own[0], steps or own[1], quick=quick, seed=seed)
 
 
 def reproduce(paper: str, experiment: Experiment, size: Size, execute: Execute) -> ExperimentResult:
-    """Run an experiment of a paper, judge its table, and draw its pictures."""
+    """Run an experiment of a paper, judge its table, and draw its pictures; return all with the CPU time [s].
+
+    `execute` runs the trials; statements get their positions in the paper.
+    """
     start = time.process_time()
     table = experiment.compute(size, execute)
     verdicts = attributed(experiment.judge(table), SOURCES[paper])

@@ -43,7 +43,7 @@ class ChartCurve(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """One figure: curves of means over runs."""
+    """One figure: curves of means over runs, with labels and a note."""
 
     item: str
     title: str
@@ -54,7 +54,7 @@ class Chart(NamedTuple):
 
 
 class ExperimentPage(NamedTuple):
-    """One experiment on the page."""
+    """Part of the page about one experiment: chart, size, verdicts, table and further pictures by name."""
 
     chart: Chart
     size: str
@@ -141,7 +141,7 @@ def build_reproduction(title: str, parts: Sequence[ExperimentPage], made: str) -
 
 
 class Paper(NamedTuple):
-    """The verdicts on one paper."""
+    """Title of a paper, and the verdicts on its statements as JSON values."""
 
     title: str
     verdicts: list[dict[str, object]]
@@ -193,5 +193,5 @@ def _plan_svg(item: str, name: str, plan: PlanFigure) -> str:
 
 
 def shown(value: float | None) -> str:
-    """Return a number with four digits, or a dash if missing."""
+    """Return `value` as text with four digits, or a dash if missing."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.4g}"

@@ -17,7 +17,7 @@ COMMIT_S = 5.0
 
 
 class PageProvenance(NamedTuple):
-    """Provenance of a page."""
+    """Provenance of a page: command line, seed, and occlog's version and commit (None: unknown)."""
 
     command: str
     seed: int
@@ -29,7 +29,7 @@ class PageProvenance(NamedTuple):
         return self._asdict()
 
     def text(self) -> str:
-        """Return one sentence for a page."""
+        """Return a sentence for the page that states command, seed and version."""
         commit = f" (commit {self.commit})" if self.commit else ""
         return f"Made by `{self.command}`, seed {self.seed}, with occlog {self.version}{commit}."
 

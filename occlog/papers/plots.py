@@ -23,7 +23,7 @@ from occlog.report.plots.floorplan import draw_scene, frame_plan
 
 
 class EstimatedPath(NamedTuple):
-    """An estimated path."""
+    """Estimated path: name for the legend, and positions (T, 2)."""
 
     name: str  # in the legend
     xy: Floats  # (T, 2)
@@ -85,7 +85,7 @@ def plan_limits(plan: PlanFigure) -> Floats:
 
 
 def _paths(axes: Axes, panel: PlanPanel) -> list[Line2D]:
-    """Draw the true path with its start, and the estimates with dots where the target was seen."""
+    """Draw the true path with its start, and the estimates with dots where the target was seen; return the handles."""
     handles = axes.plot(panel.truth[:, 0], panel.truth[:, 1], label="true path", **TRUE_PATH)
     handles += axes.plot(
         panel.truth[:1, 0],
@@ -109,13 +109,13 @@ def _paths(axes: Axes, panel: PlanPanel) -> list[Line2D]:
 
 
 def plan_png(plan: PlanFigure) -> bytes:
-    """Return the picture as PNG."""
+    """Return the floor plans with their paths as PNG."""
     with house_style():
         return to_png(draw_plan(plan), 110.0, {"Title": plan.title})
 
 
 class Mark(NamedTuple):
-    """Outline of a tracker."""
+    """Outline (x, y, a, b, rho) of a tracker in an image, and whether it is on its target."""
 
     target: int
     ellipse: Floats  # (5,) centre [px], half axes [px], angle of the first axis [rad]
@@ -130,7 +130,7 @@ class EpipolarLine(NamedTuple):
 
 
 class FigureImage(NamedTuple):
-    """One image with the drawing on it."""
+    """Image with what is drawn over it: title, outlines, links between trackers, epipolar lines."""
 
     title: str
     image: NDArray[np.uint8]  # (H, W, 3) BGR
@@ -140,7 +140,7 @@ class FigureImage(NamedTuple):
 
 
 class Shots(NamedTuple):
-    """A picture: images in rows and columns."""
+    """Picture of images in named rows, and columns, with title and caption."""
 
     title: str
     caption: str
@@ -196,7 +196,13 @@ def _line(axes: Axes, line: EpipolarLine, width: int, height: int) -> None:
 
 
 def ends_of(line: Floats, width: int, height: int) -> Floats | None:
-    """Return the two points (2, 2) at which a line (3,) crosses the image's border; None for a line outside."""
+    """Return the two points (2, 2) at which a line crosses the image's border [px]; None for a line outside.
+
+    Args:
+        line: (3,) coefficients a, b, c of a x + b y + c = 0.
+        width: of the image [px].
+        height: of the image [px].
+    """
     a, b, c = line.tolist()
     points = []
     for x in (-0.5, width - 0.5):
@@ -240,6 +246,6 @@ def _mark(axes: Axes, mark: Mark) -> None:
 
 
 def shots_png(shots: Shots) -> bytes:
-    """Return the picture as PNG."""
+    """Return the picture of images as PNG."""
     with house_style():
         return to_png(draw_shots(shots), DPI, {"Title": shots.title})

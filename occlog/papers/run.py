@@ -70,7 +70,10 @@ class ReproduceRequest:
 
 
 def list_papers(as_json: bool, only: str | None = None) -> None:
-    """Print the experiments of all papers, or of one; UsageError for an unknown one."""
+    """Print the experiments of all papers, or of the paper `only`; UsageError for an unknown one.
+
+    `as_json`: print one JSON object of titles.
+    """
     if only is not None and only not in PAPERS:
         raise UsageError(f"no experiments of {only!r}; there are those of: {', '.join(PAPERS)}", id="unknown-name")
     papers = {p: experiments for p, experiments in PAPERS.items() if only in (None, p)}
@@ -146,12 +149,15 @@ def _print_totals(totals: Mapping[str, Mapping[str, int]]) -> None:
 
 
 def counts_of(findings: Sequence[ExperimentResult]) -> dict[str, int]:
-    """Return how many statements got which verdict."""
+    """Return the number of statements with each verdict."""
     return {word: sum(v.verdict == word for f in findings for v in f.verdicts) for word in WORDS}
 
 
 def _made(paper: str | None, request: ReproduceRequest) -> PageProvenance:
-    """Describe the run by the options that change its results."""
+    """Return the provenance of a page: the command with the options that change its results.
+
+    `paper`: key of the paper; None: all papers.
+    """
     words = ["reproduce", *([paper] if paper else []), *(["--all"] if request.everything else request.items)]
     words += ["--quick"] if request.quick else []
     for name, value in (("runs", request.runs), ("steps", request.steps)):
@@ -204,7 +210,10 @@ def was_stopped(folder: Path) -> bool:
 
 
 def recorded_of(paper: str, request: ReproduceRequest) -> tuple[Experiment, ...]:
-    """Return the experiments on the given recording; none without one."""
+    """Return the experiments on the recording of the request; none without one.
+
+    UsageError for options that do not go together; InputError, which names the recording, if it cannot be used.
+    """
     _check_recorded(paper, request)
     path = request.data or request.bearings
     try:
@@ -234,7 +243,10 @@ def _check_recorded(paper: str, request: ReproduceRequest) -> None:
 
 
 def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Experiment]) -> None:
-    """Raise UsageError for a missing choice, and for experiments on a recording that was not given."""
+    """Raise UsageError for a missing choice, and for experiments on a recording that was not given.
+
+    `recorded`: experiments on the given recording.
+    """
     if paper not in PAPERS:
         return
     wanting = [item for item in request.items if item in RECORDED.get(paper, ()) and not recorded]
@@ -248,7 +260,10 @@ def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Exper
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Parse runs and steps of single experiments from texts like `fig12=4x1000`; UsageError for other texts."""
+    """Return runs and steps by experiment, from the texts `given`, like `fig12=4x1000`; UsageError for others.
+
+    `items`: the experiments that may be named.
+    """
     sizes = {}
     for text in given:
         found = SIZE.fullmatch(text)
@@ -264,7 +279,10 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
 
 
 def executor(experiment: Experiment, request: ReproduceRequest, output: Path | None) -> Execute:
-    """Return what runs the trials of an experiment by the options, with progress on standard error."""
+    """Return the function that runs the trials of an experiment, with progress on standard error.
+
+    `output`: folder where finished trials are kept; None: they are not.
+    """
     store = None if output is None else output / STORE
 
     def execute(specs: Sequence[Spec]) -> list[dict[str, float]]:
@@ -278,7 +296,11 @@ def executor(experiment: Experiment, request: ReproduceRequest, output: Path | N
 
 
 def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | None, Callable[[], None]]:
-    """Make a progress bar where standard error is a terminal; return what advances it and what closes it."""
+    """Return functions that advance (by a number of trials) and close a progress bar on standard error.
+
+    The first is None if there is no bar: `quiet`, or standard error is no terminal. `label` is before the bar, `total`
+    is the number at its end.
+    """
     if quiet or not sys.stderr.isatty():
         return None, lambda: None
     bar = tqdm(desc=label, total=total, file=sys.stderr, leave=False)
@@ -304,12 +326,15 @@ def paths(folder: Path, experiments: Sequence[Experiment]) -> list[Path]:
 
 
 def plan_path(folder: Path, experiment: Experiment, name: str) -> Path:
-    """Return the file of a floor plan, or of frames."""
+    """Return the path of a further picture, with its name, of an experiment."""
     return folder / f"{experiment.item}-{name}.png"
 
 
 def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) -> None:
-    """Make the folder and check that every file can be written, before any experiment runs."""
+    """Create the folder and check that every file can be written, before any experiment runs.
+
+    `overwrite`: files may exist.
+    """
     _make_folder(folder)
     for path in paths(folder, experiments):
         check_writable(path, overwrite)
@@ -323,7 +348,15 @@ def _make_folder(folder: Path) -> None:
 
 
 def write(folder: Path, paper: str, finding: ExperimentResult, overwrite: bool, made: PageProvenance) -> None:
-    """Write table, plot, further pictures and verdicts of one experiment."""
+    """Write table, plot, further pictures and verdicts of one experiment of `paper`.
+
+    Args:
+        folder: of the files.
+        paper: key of the paper.
+        finding: result of the experiment.
+        overwrite: replace files that exist.
+        made: provenance.
+    """
     item = finding.experiment.item
     write_bytes(folder / f"{item}.csv", table_csv(finding.table).encode(), overwrite)
     write_bytes(folder / f"{item}.png", chart_png(chart(finding)), overwrite)
@@ -337,7 +370,15 @@ def write(folder: Path, paper: str, finding: ExperimentResult, overwrite: bool, 
 def write_page(
     folder: Path, paper: str, findings: Sequence[ExperimentResult], overwrite: bool, made: PageProvenance
 ) -> None:
-    """Write the page of all experiments."""
+    """Write the HTML page of all experiments.
+
+    Args:
+        folder: of the page.
+        paper: key of the paper.
+        findings: results of the experiments.
+        overwrite: replace a page that exists.
+        made: provenance.
+    """
     parts = [
         ExperimentPage(chart(f), _size(f), [x.as_dict() for x in f.verdicts], _cells(f.table), f.plans)
         for f in findings

@@ -78,12 +78,12 @@ class PaperRow:
 
     @property
     def runs(self) -> int:
-        """Number of runs."""
+        """Number of runs, each with a value."""
         return len(self.values)
 
     @property
     def mean(self) -> float:
-        """Mean over the runs; NaN for none."""
+        """Mean over the runs; NaN if there are none."""
         return math.fsum(self.values) / len(self.values) if self.values else math.nan
 
     @property
@@ -164,7 +164,7 @@ class Measure(NamedTuple):
 
     @property
     def half_width(self) -> float:
-        """Half the width of the range."""
+        """Half the width of the range of the true value."""
         return 0.5 * (self.high - self.low)
 
 
@@ -174,7 +174,13 @@ def errors_allowed(runs: int) -> float:
 
 
 def estimate(value: float, error: float, runs: int) -> Measure:
-    """Return a quantity with its standard error; an unknown error bar (NaN) states nothing about it."""
+    """Return a quantity with its standard error and the range of the true value.
+
+    Args:
+        value: of the quantity.
+        error: standard error; 0: exact; NaN: unknown, the range is unlimited.
+        runs: number of runs, which sets the width of the range; for fewer than two it is unlimited.
+    """
     if error == 0.0 and not math.isnan(value):
         return Measure(value, error, runs, value, value)
     if math.isnan(value) or math.isnan(error) or runs < 2:
@@ -184,12 +190,15 @@ def estimate(value: float, error: float, runs: int) -> Measure:
 
 
 def exact(value: float, runs: int = 1) -> Measure:
-    """Return a quantity without error: a formula, or a count of what the statement is about."""
+    """Return `value` as a quantity without error: a formula, or a count of what the statement is about.
+
+    `runs`: for display.
+    """
     return estimate(value, 0.0, runs)
 
 
 def sample(values: Sequence[float]) -> Measure:
-    """Return the mean of independent values."""
+    """Return the mean of independent values with its standard error; NaN without values."""
     n = len(values)
     if n == 0:
         return estimate(math.nan, math.nan, 0)
@@ -202,7 +211,7 @@ def mean_of(row: PaperRow) -> Measure:
 
 
 def share_of(held: int, runs: int) -> Measure:
-    """Return the share of runs in which something holds; its range is that of Clopper and Pearson.
+    """Return the share of runs in which something holds, `held` of them; its range is that of Clopper and Pearson.
 
     The error is that of two further runs in which it holds and two in which it does not (Agresti and Coull),
     since the plain one vanishes where all runs agree.
@@ -244,7 +253,7 @@ def quotient(above: PaperRow, below: PaperRow) -> tuple[float, float]:
 
 
 def quotient_of(above: PaperRow, below: PaperRow) -> Measure:
-    """Return the quotient of two means as `quotient` does."""
+    """Return the quotient of the means of two rows, `above` over `below`, with its standard error."""
     return estimate(*quotient(above, below), min(above.runs, below.runs))
 
 
@@ -280,7 +289,7 @@ def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) 
 
 
 class PaperSource(NamedTuple):
-    """A position in a paper."""
+    """Figure, table, equation or section of a paper, with the words of the statement and the page."""
 
     place: str  # figure, table, equation or section
     words: str = ""  # of the paper; empty: its text does not make the statement, or only prints a number
@@ -294,7 +303,10 @@ Sources = Mapping[str, PaperSource]
 
 
 def source_of(key: str, sources: Sources) -> PaperSource | None:
-    """Return the source of the verdict with this id; None where no beginning of the id is known."""
+    """Return the position in the paper of the verdict with the id `key`; None if no beginning of the id is known.
+
+    `sources`: position by beginning of the id, up to a hyphen; the longest counts.
+    """
     parts = key.split("-")
     for n in range(len(parts), 0, -1):
         found = sources.get("-".join(parts[:n]))
@@ -327,7 +339,7 @@ Pair = tuple[PaperRow, PaperRow]
 
 
 class Interval(NamedTuple):
-    """Numbers from `low` to `high`, both included."""
+    """Closed interval of numbers from `low` to `high`."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -337,17 +349,17 @@ class Interval(NamedTuple):
         return self.low <= m.low and m.high <= self.high
 
     def misses(self, m: Measure) -> bool:
-        """Return whether the whole range is outside."""
+        """Return whether the whole range of the quantity is outside the interval."""
         return m.high < self.low or self.high < m.low
 
 
 def at_most(limit: float) -> Interval:
-    """Return the numbers up to a limit."""
+    """Return the interval of numbers up to a limit, which is included."""
     return Interval(high=limit)
 
 
 def at_least(limit: float) -> Interval:
-    """Return the numbers from a limit on."""
+    """Return the interval of numbers from a limit on, which is included."""
     return Interval(low=limit)
 
 
@@ -367,7 +379,7 @@ def around(number: float, share: float) -> Interval:
 
 
 class StatementPoint(NamedTuple):
-    """One of several points of a statement."""
+    """One of several points of a statement: quantity, interval where it holds, and level without relevance."""
 
     measure: Measure
     good: Interval
@@ -390,12 +402,19 @@ def find(table: Table, series: str, x: float | None = None) -> PaperRow | None:
 
 
 def series(table: Table, name: str) -> list[PaperRow]:
-    """Return the rows of a series that have an x, by rising x."""
+    """Return the rows of the series `name` that have an x, by rising x."""
     return sorted((r for r in table if r.series == name and not math.isnan(r.x)), key=lambda r: r.x)
 
 
 def matched(table: Table, low: str, high: str, only: Iterable[float] | None = None) -> list[Pair]:
-    """Return the pairs of rows of two series at the same x; `only`: at these x alone."""
+    """Return the pairs (low, high) of rows of two series at the same x, by rising x.
+
+    Args:
+        table: of both.
+        low: name of the series whose row comes first.
+        high: name of the other.
+        only: x that count; None: all.
+    """
     kept = None if only is None else set(only)
     pairs = []
     for row in series(table, low):
@@ -411,7 +430,13 @@ def neighbours(rows: Sequence[PaperRow]) -> list[Pair]:
 
 
 def word_of(m: Measure, good: Interval, fair: Interval) -> str:
-    """Return the word for a quantity; see the text of the module."""
+    """Return the word of the verdict on a quantity, by the rules in the text of the module.
+
+    Args:
+        m: quantity with its range.
+        good: interval in which the statement is reproduced.
+        fair: interval in which it is reproduced in part.
+    """
     if math.isnan(m.value):
         return UNDECIDED
     if good.holds(m):
@@ -439,7 +464,7 @@ def judge(
     rule: str,
     paper: float | None = None,
 ) -> StatementVerdict:
-    """Judge a statement about one quantity; `fair` None: it holds or not, never in part.
+    """Return the verdict on a statement about one quantity; `fair` None: it holds or not, never in part.
 
     Args:
         key: id of the verdict.
@@ -457,7 +482,16 @@ def judge(
 def fact(
     key: str, statement: str, *, holds: bool, measured: float | None, rule: str, paper: float | None = None
 ) -> StatementVerdict:
-    """Judge a statement that was computed exactly, and holds or does not; `measured` is only shown."""
+    """Return the verdict on a statement that was decided exactly.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        holds: whether it is reproduced.
+        measured: number that is shown; None: none.
+        rule: how it was decided.
+        paper: printed number; None: none.
+    """
     word = REPRODUCED if holds else NOT
     shown = exact(math.nan if measured is None else measured)
     return _verdict(key, statement, shown, paper=paper, word=word, rule=rule)
@@ -472,7 +506,7 @@ def judge_points(
     paper: float | None = None,
     shown: Measure | None = None,
 ) -> StatementVerdict:
-    """Judge a statement about several points.
+    """Return the verdict on a statement about several points.
 
     Args:
         key: id of the verdict.
@@ -520,29 +554,41 @@ def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word:
 
 
 def share(held: Sequence[bool]) -> str:
-    """Return `reproduced` if all points hold, `in part` if at least half do, else (or without points) `not`."""
+    """Return `reproduced` if all points in `held` are True, `in part` if at least half are, else (or empty) `not`."""
     if held and all(held):
         return REPRODUCED
     return IN_PART if held and 2 * sum(held) >= len(held) else NOT
 
 
 def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> StatementVerdict:
-    """Judge that low is below high at every point; `measured` is the mean difference, run by run.
+    """Return the verdict on whether low is below high at every point; the mean difference, run by run, is shown.
 
     A difference that may be 0 and is known to be within `NEGLIGIBLE` of the level counts as none.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        points: pairs (low, high) of rows.
+        paper: printed difference; None: none.
     """
     rule = f"above 0 by two standard errors (no difference: known to be within {NEGLIGIBLE:.0%} of the level)"
     return judge_points(key, statement, [lower(low, high) for low, high in points], rule=rule, paper=paper)
 
 
 def lower(low: PaperRow, high: PaperRow) -> StatementPoint:
-    """Return the point at which the mean of one row should be below that of another."""
+    """Return the point of the statement that the mean of `low` is below that of `high`, with their difference."""
     level = 0.5 * (abs(low.mean) + abs(high.mean))
     return StatementPoint(difference_of(low, high), above(0.0), NEGLIGIBLE * level)
 
 
 def close(key: str, statement: str, points: Sequence[Pair]) -> StatementVerdict:
-    """Judge that low and high are as good as equal at every point: within one standard deviation over the runs."""
+    """Return the verdict on whether two rows are as good as equal: within one standard deviation over the runs.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        points: pairs of rows; it has to hold for each.
+    """
     near = []
     for low, high in points:
         tolerance = max(low.sd, high.sd)
@@ -552,18 +598,43 @@ def close(key: str, statement: str, points: Sequence[Pair]) -> StatementVerdict:
 
 
 def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> StatementVerdict:
-    """Judge a stated number: within `NEAR` of it, in part within `FAR`; an error of 0 is an exact computation."""
+    """Return the verdict on a printed number: within `NEAR` of it (a share), in part within `FAR`.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        paper: printed number.
+        measured: number that was computed.
+        error: its standard error; 0: exact.
+        runs: number of runs.
+    """
     return stated(key, statement, paper, estimate(measured, error, runs))
 
 
 def stated(key: str, statement: str, paper: float, m: Measure) -> StatementVerdict:
-    """Judge a stated number as `number` does."""
+    """Return the verdict on a printed number: within `NEAR` of it (a share), in part within `FAR`.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        paper: printed number.
+        m: quantity with its range.
+    """
     rule = f"within {NEAR:.0%} of it; in part within {FAR:.0%}"
     return judge(key, statement, m, around(paper, NEAR), around(paper, FAR), rule=rule, paper=paper)
 
 
 def printed(key: str, statement: str, number: float, row: PaperRow | None) -> StatementVerdict:
-    """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
+    """Return the verdict on a printed number to its digits: within two units of the last; in part within `NEAR`.
+
+    Its inputs are rounded too.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        number: printed number.
+        row: what was computed; None: missing.
+    """
     digits = len(f"{number}".split(".")[1])
     near = 2.0 * 10.0**-digits
     fair = max(NEAR * abs(number), near)
@@ -574,7 +645,17 @@ def printed(key: str, statement: str, number: float, row: PaperRow | None) -> St
 
 
 def factor(key: str, statement: str, paper: float, low: PaperRow | None, high: PaperRow | None) -> StatementVerdict:
-    """Judge a stated quotient high / low, above 1, of two means; None where there is no such row."""
+    """Return the verdict on a printed quotient, above 1, of the means of `high` and `low`.
+
+    Within `NEAR` of it (a share); in part if it has at least half of the excess over 1.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        paper: printed quotient.
+        low: row of the denominator; None: missing, nothing is decided.
+        high: row of the numerator; None: likewise.
+    """
     m = quotient_of(high, low) if low is not None and high is not None else estimate(math.nan, math.nan, 0)
     rule = f"within {NEAR:.0%} of it; in part if at least half of the excess over 1"
     return judge(key, statement, m, around(paper, NEAR), at_least(1.0 + 0.5 * (paper - 1.0)), rule=rule, paper=paper)

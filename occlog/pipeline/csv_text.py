@@ -11,7 +11,7 @@ from occlog.io.files.texts.csv_rows import no_formula
 
 
 def to_csv(rows: Sequence[Mapping[str, object]]) -> bytes:
-    """Write rows as CSV with one header, numbers with all digits, and texts escaped against formulas."""
+    """Return rows as CSV with one header, numbers with all digits, and texts escaped against formulas."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")

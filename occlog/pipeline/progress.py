@@ -11,7 +11,16 @@ from tqdm import tqdm
 
 @contextmanager
 def shown_progress(label: str, unit: str, total: int, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Show a progress bar on a terminal; yield the function that advances it (None elsewhere)."""
+    """Context manager: show a progress bar on a terminal; yield the function that advances it by a number.
+
+    Args:
+        label: text before the bar.
+        unit: of the numbers.
+        total: number at the end.
+        quiet: show none.
+
+    Yields None without a bar.
+    """
     if quiet or not sys.stderr.isatty():
         yield None
         return

@@ -55,7 +55,7 @@ def run_filter(
     dt: float,
     keep: int,
 ) -> tuple[Floats, Floats]:
-    """Filter errors at the last steps of each path.
+    """Compute filter errors at the last steps of each of N paths of T steps.
 
     Args:
         ways: (N, T, 2) positions of targets.
@@ -109,7 +109,15 @@ def run_filter(
 
 @kernel
 def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Floats) -> None:
-    """Mean (2,) and covariance (3,) of the position over all hypotheses; `first`: column of the covariances."""
+    """Write mean and covariance of the position over all hypotheses to `position` and `spread`.
+
+    Args:
+        rows: hypotheses, columns as `PROBABILITY` to `WIDTH`.
+        n: number of rows in use.
+        first: column of the covariance: `FILTER_COVARIANCE` or `TRUE_COVARIANCE`.
+        position: (2,) output.
+        spread: (3,) output: xx, xy, yy.
+    """
     x, y = 0.0, 0.0
     for h in range(n):
         x += rows[h, PROBABILITY] * rows[h, STATE]
@@ -126,7 +134,14 @@ def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Fl
 
 @kernel
 def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
-    """Add hypothesis n, that the target turns now; the probabilities of others are reduced."""
+    """Write hypothesis n to `rows`: the target turns now; multiply the probabilities of the others by 1 - turn.
+
+    Args:
+        rows: (> n, `WIDTH`) hypotheses, changed in place.
+        n: number of hypotheses before.
+        turn: probability of a turn in this step.
+        fresh: variance of each component of the velocity after a turn.
+    """
     born = rows[n]
     born[:] = 0.0
     _moments_into(rows, n, FILTER_COVARIANCE, born[STATE : STATE + 2], born[TRUE_COVARIANCE : TRUE_COVARIANCE + 3])
@@ -148,7 +163,15 @@ def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
 
 @kernel
 def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNoise) -> None:
-    """Predict hypothesis h by a step."""
+    """Predict hypothesis h by a step, in place.
+
+    Args:
+        rows: hypotheses, columns as `PROBABILITY` to `WIDTH`.
+        h: row.
+        dt: length of the step [s].
+        assumed: noise added to the covariance that the filter assumes.
+        true: noise added to the covariance of the actual errors.
+    """
     rows[h, STATE] += dt * rows[h, STATE + 2]
     rows[h, STATE + 1] += dt * rows[h, STATE + 3]
     _spread_into(rows[h, FILTER_COVARIANCE:TRUE_COVARIANCE], dt, assumed)
@@ -157,7 +180,7 @@ def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNo
 
 @kernel
 def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
-    """Predict the triangle (10,) of a covariance by a step."""
+    """Predict the triangle P (10,) of a covariance of (x, y, vx, vy) by `dt` [s] and `noise`, in place."""
     P[0] += dt * (2.0 * P[2] + dt * P[7]) + noise.position
     P[1] += dt * (P[3] + P[5] + dt * P[8])
     P[4] += dt * (2.0 * P[6] + dt * P[9]) + noise.position
@@ -202,10 +225,15 @@ def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
 
 @kernel
 def _update_into(row: Floats, information: Floats, work: Floats) -> float:
-    """Update a hypothesis by a measurement; return its log likelihood up to a common constant.
+    """Update a hypothesis by a measurement, in place; return its log likelihood up to a common constant.
 
     With M = 1 + I P_xx: gain W = P_x M^-1 for the report minus I x, G = W I for the position; the filter covariance
     becomes P - G P_x^T, the actual one (1 - G H) R (1 - G H)^T + W I W^T.
+
+    Args:
+        row: (`WIDTH`,) the hypothesis.
+        information: (7,) xx, xy, yy of the information I, the position, and the noise.
+        work: (4, 8) buffer for gains.
     """
     xx, xy, yy = information[0], information[1], information[2]
     p, q, r = row[FILTER_COVARIANCE], row[FILTER_COVARIANCE + 1], row[FILTER_COVARIANCE + 4]
@@ -238,7 +266,10 @@ def _update_into(row: Floats, information: Floats, work: Floats) -> float:
 
 @kernel
 def _merge_into(rows: Floats, n: int) -> None:
-    """Merge the two neighbouring hypotheses with the smallest loss, by probability and Mahalanobis distance."""
+    """Merge those two neighbours of n hypotheses with the least loss, in place; n - 1 rows remain.
+
+    The loss is their distance (Mahalanobis, and of the log velocity variances) times p1 p2 / (p1 + p2).
+    """
     at, least = 0, math.inf
     for h in range(n - 1):
         one, two = rows[h, PROBABILITY], rows[h + 1, PROBABILITY]
@@ -303,7 +334,10 @@ class ExpectedPosteriors(NamedTuple):
 
 
 def noise_of(information: Floats, chance: Floats) -> Floats:
-    """(2, N, T) measurement errors from standard normals (2, N, T), by a root of the information."""
+    """Return measurement errors (2, N, T) with the covariance `information` (3, N, T: xx, xy, yy).
+
+    `chance`: (2, N, T) standard normals, which a root of the covariance multiplies.
+    """
     xx, xy, yy = information
     root = np.sqrt(xx)
     across = np.divide(xy, root, out=np.zeros_like(xy), where=root > 0.0)
@@ -320,16 +354,16 @@ def errors_along(
     dt: float,
     keep: int = 1,
 ) -> ExpectedPosteriors:
-    """Filter errors for measurements of targets along their paths, at the last `keep` steps.
+    """Return filter errors for measurements of N targets along their paths, at the last `keep` steps.
 
     Args:
         ways: (N, T, 2) positions.
-        reports: their measurement information.
-        start: (2,) mean and (2, 2) covariance of the position where nothing was seen yet.
+        reports: measurement information.
+        start: (2,) mean and (2, 2) covariance of the position before any measurement.
         motion: of the targets.
-        belief: of the filter.
-        dt: between steps [s].
-        keep: 1 to T.
+        belief: process noise that the filter assumes.
+        dt: time between steps [s].
+        keep: number of steps, 1 to T.
     """
     fresh = max(0.5 * motion.speed**2, MIN_VELOCITY_VARIANCE)
     position, spread = run_filter(
@@ -348,20 +382,27 @@ def errors_along(
 
 
 def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoise:
-    """Process noise of a step: position noise, and velocity noise as white acceleration."""
+    """Return the process noise of a step without a turn.
+
+    Args:
+        sigma: random walk of the position, per axis [length/s^0.5].
+        sigma_a: white acceleration, per axis [length/s^1.5].
+        fresh: variance of each component of the velocity after a turn.
+        dt: length of the step [s].
+    """
     q = sigma_a**2
     return StepNoise(sigma**2 * dt + q * dt**3 / 3.0, q * dt**2 / 2.0, q * dt, fresh)
 
 
 def square_error_in_room(covariance: Floats, at: Floats, floor: Floats, size: Floats) -> Floats:
-    """Mean square error if the filter knows that the target is on the floor: of a truncated normal.
+    """Return the mean square error (N,) if the filter knows that the target is on the floor: of a truncated normal.
 
     Computed by summation over cells of the floor; a normal narrower than a cell is unchanged.
 
     Args:
         covariance: (N, 2, 2) of positions, positive definite.
         at: (N, 2) their means.
-        floor: (C, 2) middles of the cells of the floor.
+        floor: (C, 2) centres of the cells of the floor.
         size: (2,) sides of a cell.
 
     Returns:

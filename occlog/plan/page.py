@@ -30,7 +30,10 @@ MAP = "viridis_r"
 
 
 class MapPicture(NamedTuple):
-    """Content of the maps."""
+    """Content of the two maps: scene, map table by cells, found placements, and the error up to which cells are dotted.
+
+    `size` (2,) are the sides of a cell; `within` None dots no cells.
+    """
 
     scene: Scene
     table: PlanMap
@@ -40,7 +43,7 @@ class MapPicture(NamedTuple):
 
 
 def map_picture(what: MapPicture, suffix: str) -> bytes:
-    """Draw the picture as PNG or SVG, by suffix."""
+    """Return the picture of the maps as PNG or SVG, by `suffix` (`.png`, `.svg`)."""
     with house_style():
         figure = new_figure(*size_of(what))
         draw_maps(figure, what)
@@ -54,13 +57,13 @@ def _svg(figure: Figure) -> bytes:
 
 
 def size_of(what: MapPicture) -> tuple[float, float]:
-    """Width and height of the maps [inches], with the aspect ratio of the room."""
+    """Return width and height of the maps [inches], with the aspect ratio of the room."""
     extent = np.diff(_limits(what), axis=0)[0]
     return WIDTH, float(np.clip(0.44 * WIDTH * extent[1] / extent[0] + 1.9, 3.4, 9.0))
 
 
 def draw_maps(figure: FigureBase, what: MapPicture) -> None:
-    """Draw both maps (inside `house_style`)."""
+    """Draw the maps of the expected error and of the share seen by two sensors into a figure, inside `house_style`."""
     unit = label(what.scene.length_unit)
     left, right = figure.subplots(1, 2)
     rmse = what.table.rmse
@@ -115,7 +118,7 @@ def _squares(what: MapPicture, values: Floats, **style: Any) -> PatchCollection:
 
 
 def _outline(axes: Axes, what: MapPicture, good: Bools) -> None:
-    """Draw dots in the cells that meet the requirement."""
+    """Draw dots at the centres of the cells in the mask `good` (C,)."""
     rows = np.flatnonzero(good)
     axes.plot(
         what.table.x[rows], what.table.y[rows], ".", color=COLOURS["halo"], markersize=2.0, zorder=2.4, linestyle="none"
@@ -123,7 +126,7 @@ def _outline(axes: Axes, what: MapPicture, good: Bools) -> None:
 
 
 def _limits(what: MapPicture) -> Floats:
-    """(2, 2) lower and upper corners of the bounding box of room and sensors."""
+    """Return the corners (2, 2), low and high, of the bounding box of room and sensors."""
     assert what.scene.room is not None
     sensors = [sensor.position[None, :2] for sensor in (*what.scene.cameras, *what.scene.arrays, *what.added)]
     points = np.vstack([what.scene.room, *sensors])
@@ -141,7 +144,7 @@ RANKINGS = {
 
 
 class PageInput(NamedTuple):
-    """Content of the page."""
+    """Content of the page of a plan: maps, summary of the command, warnings and provenance."""
 
     drawn: MapPicture
     summary: Mapping[str, object]
@@ -150,7 +153,7 @@ class PageInput(NamedTuple):
 
 
 def plan_page(what: PageInput) -> str:
-    """Build the HTML page."""
+    """Return the HTML page of a plan as text."""
     unit = what.drawn.scene.length_unit
     words = "Seen from above, x and y to the same scale; the colours of the errors are on a logarithmic scale."
     with house_style():
@@ -174,7 +177,7 @@ def plan_page(what: PageInput) -> str:
 
 
 def _figures(summary: Mapping[str, object], unit: str) -> list[tuple[str, str]]:
-    """Names and formatted values of the figures."""
+    """Return (name, formatted value) of the figures of a plan's summary, for the table of the page."""
     number = {name: value for name, value in summary.items() if isinstance(value, int | float)}
     out = [
         (f"expected error over the floor, RMSE [{unit}]", f"{number[f'rmse_{unit}']:.3f}"),

@@ -57,7 +57,7 @@ class Rankings:
 
 
 def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Plan, and write the requested outputs; return the summary and the losses of the paths."""
+    """Compute the plan, and write the requested outputs; return the summary and the losses of reading the paths."""
     _check(request)
     scene = load_scene(request.scene, None, request.scene)
     config = configure(PlanConfig.in_unit(scene.length_unit), request.settings)
@@ -101,7 +101,10 @@ def _check(request: PlanRequest) -> None:
 
 
 def _candidates(request: PlanRequest, scene: Scene) -> tuple[Sensor, ...]:
-    """Candidate sensors; empty if none are requested."""
+    """Return the candidate sensors of the request, from a file or along the walls; empty if none are requested.
+
+    InputError if the scene has no room with walls, or the file another unit, no sensor, or a name of the scene.
+    """
     if request.along_walls is not None:
         like = scene.camera(request.along_walls)
         if scene.room is None:
@@ -138,7 +141,7 @@ def _perimeter(room: Floats) -> float:
 
 
 def _places(path: Path | None, scene: Scene) -> tuple[Floats | None, tuple[Loss, ...]]:
-    """(P, 2) positions of people, in the scene's unit, and the losses of their input."""
+    """Return positions (P, 2) of people, in the scene's unit (None without a path), and the losses of their input."""
     if path is None:
         return None, ()
     opened = open_input(path, Tracks, Truth)
@@ -165,7 +168,7 @@ def _rank(request: PlanRequest, planned: PreparedPlan, candidates: Sequence[Sens
 
 
 def caveats(scene: Scene, table: PlanMap) -> list[str]:
-    """Messages about unreliable and skipped parts."""
+    """Return warnings about cameras without a pose, readers (both skipped), and a floor that is rarely seen."""
     out = []
     unplaced = [camera.name for camera in scene.cameras if not camera.placed]
     if unplaced:
@@ -217,7 +220,7 @@ def _listed(ranking: Sequence[PlacementCandidate], unit: str) -> InWords:
 
 
 def placed_as_dict(placed: PlacementCandidate, unit: str) -> dict[str, object]:
-    """Name, position and heading of a sensor, and the error over the floor with or without it."""
+    """Return name, kind, position, yaw [deg] of a sensor, and the RMSE over the floor with or without it, in `unit`."""
     sensor = placed.sensor
     return {
         "name": sensor.name,
@@ -238,7 +241,10 @@ def _draw(
     provenance: Provenance,
     tables: Tables,
 ) -> None:
-    """Write the picture and the page."""
+    """Write the picture and the page of the plan to the outputs in `tables`, where they are requested.
+
+    `summary` and `warnings` are those of the command.
+    """
     if request.picture is None and request.report is None:
         return
     from .page import MapPicture, PageInput, map_picture, plan_page

@@ -77,14 +77,14 @@ Sensor = Camera | MicrophoneArray
 
 
 class ExpectedInformation(NamedTuple):
-    """Expected information from one sensor."""
+    """Expected reports and information of one sensor about N targets in T time steps."""
 
     seen: Bools  # (N, T) whether it reports the target
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information about the position; 0 where not seen
 
 
 def rate_of(sensor: Sensor, config: PlanConfig) -> float:
-    """Frame rate of a sensor [Hz]."""
+    """Return the frame rate [Hz] of a sensor; that of the configuration if the scene states none."""
     return config.rate_hz if sensor.rate_hz is None else sensor.rate_hz
 
 
@@ -94,7 +94,11 @@ def detection_of(sensor: Sensor) -> float:
 
 
 def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
-    """(N, T) mask of targets that neither obstacles nor people hide from the sensor; sound is never occluded."""
+    """Return the mask (N, T) of targets that the sensor can see or hear in each step of their paths.
+
+    A camera's targets are in the field of view and range, not hidden by obstacles or people (`walked`); an array hears
+    all within its range.
+    """
     n, steps = walked.ways.shape[:2]
     xy = walked.ways.reshape(-1, 2)
     if isinstance(sensor, MicrophoneArray):
@@ -130,7 +134,11 @@ def share_below_heads(camera: Camera, config: PlanConfig) -> float:
 def information_of_sensor(
     sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int
 ) -> ExpectedInformation:
-    """Information of one sensor about all targets; random detections depend on its name and the seed only."""
+    """Return the reports of one sensor about all targets, and their Fisher information.
+
+    It reports a target that it sees in a new frame, with its probability of detection. Random numbers depend on the
+    sensor's name and the seed only.
+    """
     seen = unoccluded_view(sensor, scene, walked, config)
     n, steps = seen.shape
     # Frames: the last step is one; others at the sensor's own rate
@@ -148,7 +156,7 @@ def information_of_sensor(
 
 
 def _information(sensor: Sensor, xy: Floats, config: PlanConfig) -> Floats:
-    """(N, 2, 2) information of one report of a target at positions (N, 2)."""
+    """Return the Fisher information (N, 2, 2) of one report about the target's position, at positions `xy` (N, 2)."""
     if isinstance(sensor, Camera):
         return camera_information(
             xy,

@@ -60,7 +60,7 @@ class PreparedPlan(NamedTuple):
 
 
 def sensors_of(scene: Scene) -> tuple[Sensor, ...]:
-    """Cameras with poses, then arrays."""
+    """Return the cameras of the scene that have poses, then its microphone arrays."""
     return (*(c for c in scene.cameras if c.placed), *scene.arrays)
 
 
@@ -114,7 +114,10 @@ def prepare(
 
 
 def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
-    """(C,) weights of the cells: shares of the floor, or of the positions (P, 2) nearest to each cell."""
+    """Return the weights (C,) of the cells: equal ones, or the shares of `paths` (P, 2) nearest to each cell.
+
+    InputError if none of these positions is in the room.
+    """
     if paths is None:
         return np.full(len(cells.xy), 1.0 / len(cells.xy))
     cell = nearest_cell(cells, paths)
@@ -134,7 +137,10 @@ def filter_noise_of(config: PlanConfig) -> FilterNoise:
 
 
 def expected(planned: PreparedPlan, information: Sequence[ExpectedInformation]) -> ExpectedPosteriors:
-    """Filter errors for a set of sensors at the end of each path, without the room's prior."""
+    """Return the filter's errors at the last steps of each path, without the room's prior.
+
+    `information`: of each sensor of the set.
+    """
     walked = planned.walked
     total = np.zeros((3, *walked.ways.shape[:2]))
     for one in information:
@@ -144,14 +150,17 @@ def expected(planned: PreparedPlan, information: Sequence[ExpectedInformation]) 
 
 
 def square_errors(planned: PreparedPlan, found: ExpectedPosteriors) -> Floats:
-    """(C, draws) mean square errors, with the room's prior."""
+    """Return the mean square errors (C, draws) of each path to each of the C cells, with the room's prior.
+
+    `found`: filter errors of the paths, of which the last step is taken.
+    """
     cells = planned.cells
     square = square_error_in_room(found.covariance[:, -1], found.position[:, -1], cells.xy, cells.size)
     return square.reshape(len(cells.xy), -1)
 
 
 def expected_error(planned: PreparedPlan, information: Sequence[ExpectedInformation]) -> float:
-    """Root mean square error over the floor for a set of sensors."""
+    """Return the root mean square error over the floor, weighted by cell, for the sensors of `information`."""
     return float(np.sqrt(planned.weight @ square_errors(planned, expected(planned, information)).mean(axis=1)))
 
 
@@ -181,7 +190,7 @@ def plan_map(planned: PreparedPlan) -> PlanMap:
 
 
 def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
-    """(C,) probabilities that no sensor, and that exactly one, reports a target arriving at a cell."""
+    """Return the probabilities (C,) that no sensor, and (C,) that exactly one, reports a target arriving at a cell."""
     count, walked = len(planned.cells.xy), planned.walked
     still = paths_through_cells(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
     none, one = np.ones(len(still.own)), np.zeros(len(still.own))
@@ -192,12 +201,12 @@ def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
 
 
 def area_share_below(table: PlanMap, limit: float) -> float:
-    """Weighted share of the floor with an expected error below a limit."""
+    """Return the weighted share of the floor, 0 to 1, with an expected error below a limit [length]."""
     return float(table.weight[table.rmse < limit].sum())
 
 
 def worst_cell(table: PlanMap) -> int:
-    """Row with the largest expected error."""
+    """Return the row of the cell with the largest expected error."""
     return int(np.argmax(table.rmse))
 
 
@@ -211,7 +220,10 @@ class PlacementCandidate(NamedTuple):
 def rank_candidates(
     planned: PreparedPlan, candidates: Iterable[Sensor], also: Sequence[ExpectedInformation] = ()
 ) -> list[PlacementCandidate]:
-    """Rank candidates by the error with each added to the scene's sensors, best first; ties in the order given."""
+    """Rank candidates by the error with each added to the scene's sensors, best first; ties in the order given.
+
+    `also`: information of sensors that were added before.
+    """
     information = [_sum([*planned.information.values(), *also])] if planned.information or also else []
     found = []
     for sensor in candidates:
@@ -223,7 +235,13 @@ def rank_candidates(
 def add_greedily(
     planned: PreparedPlan, ranked: Sequence[PlacementCandidate], count: int
 ) -> Iterator[PlacementCandidate]:
-    """Add sensors greedily, each time the one that reduces the expected error most."""
+    """Generate up to `count` sensors, each time the one that reduces the expected error most.
+
+    Args:
+        planned: the prepared scene.
+        ranked: candidates by their error alone, best first (`rank_candidates`).
+        count: largest number of sensors.
+    """
     also: list[ExpectedInformation] = []
     left = list(ranked)
     for _ in range(min(count, len(ranked))):
@@ -273,7 +291,7 @@ def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...
 
 
 def _turned(like: Camera, point: Floats, to: Floats, name: str) -> Camera:
-    """The camera at another position, with its pitch, pointing at a target."""
+    """Return a copy of the camera `like` with its height and pitch, at `point` (2,), its yaw towards `to` (2,)."""
     _, pitch, roll = angles_from_rotation(like.rotation)
     yaw = float(np.arctan2(*(to - point)[::-1]))
     position = np.array([point[0], point[1], like.position[2]])

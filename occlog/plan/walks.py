@@ -60,7 +60,7 @@ class Visits(NamedTuple):
 
 
 class FloorCells(NamedTuple):
-    """C nearly square rectangles of the floor."""
+    """C nearly square rectangles of the floor: their centres, and the sides of all."""
 
     xy: Floats  # (C, 2) their middles
     size: Floats  # (2,) their sides
@@ -91,19 +91,22 @@ def cells_of(scene: Scene, count: int) -> FloorCells:
 
 
 def _grid(low: Floats, high: Floats, size: float) -> Floats:
-    """(N, 2) centres of the rectangles, symmetric; rows from below."""
+    """Return the centres (N, 2) of a grid of rectangles of about `size` a side, row by row from below.
+
+    It fills the rectangle with the corners `low` (2,) and `high` (2,) exactly.
+    """
     numbers = _numbers(low, high, size)
     x, y = (lo + (np.arange(n) + 0.5) * (hi - lo) / n for lo, hi, n in zip(low, high, numbers, strict=True))
     return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
 
 
 def _numbers(low: Floats, high: Floats, size: float) -> Ints:
-    """(2,) number of rectangles along x and y."""
+    """Return the number (2,) of rectangles of about `size` a side along x and y, from corner `low` to `high`."""
     return np.asarray(np.maximum(1, np.rint((high - low) / size)), dtype=np.int64)
 
 
 def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
-    """Simulate positions (K, n, 2) of all people, the target among them, K steps of `dt`.
+    """Simulate positions (K, n, 2) of n people, the target among them, in K steps of `dt` [s].
 
     `WALKED` steps of all people have at least `steps` - 1 steps before them.
 
@@ -143,7 +146,10 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
 
 
 def crowd_size(scene: Scene, config: PlanConfig) -> int:
-    """Number of people other than the target, stated or by their density."""
+    """Return the number of people other than the target: as stated, or density times the area of the floor.
+
+    InputError if there are more than `MAX_PEOPLE`.
+    """
     if config.people is not None:
         return config.people
     if config.density == 0.0:
@@ -175,7 +181,15 @@ def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
 
 
 def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, dt: float) -> Walked:
-    """Paths of `steps` steps that end with visits, `draws` for each cell, spread over all visits of the cell."""
+    """Return paths of `steps` steps that end in each cell, `draws` of each, evenly spread over the cell's visits.
+
+    Args:
+        visits: of people to cells; each is late enough in the walk for a whole path.
+        people: (K, n, 2) walk of n people in K steps.
+        draws: number of paths for each cell.
+        steps: number of steps of a path.
+        dt: between two steps [s].
+    """
     spread = (np.arange(draws) + 0.5) / draws
     chosen = (visits.begin[:-1, None] + spread * np.diff(visits.begin)[:, None]).astype(np.int64).ravel()
     own, first = visits.own[chosen], visits.step[chosen] - (steps - 1)
@@ -184,7 +198,7 @@ def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, 
 
 
 def nearest_cell(cells: FloorCells, xy: Floats) -> Ints:
-    """(P,) index of the cell with the nearest centre to each position."""
+    """Return the index (P,) of the cell with the nearest centre to each position `xy` (P, 2)."""
     tree = KDTree(cells.xy)
     return np.asarray(tree.query(xy)[1], dtype=np.int64)
 
@@ -208,14 +222,15 @@ def moments_of(people: Floats, dt: float) -> Motion:
 
 
 def _agreement(steps: Floats, lag: int) -> float:
-    """Mean inner product of steps at a lag."""
+    """Return the mean inner product of steps (K, n, 2) of a walk and those `lag` steps later."""
     return float(np.mean(np.einsum("tni,tni->tn", steps[: len(steps) - lag], steps[lag:])))
 
 
 def _half(steps: Floats, whole: float) -> float:
-    """Number of steps after lag 1 at which the correlation is half of `whole`, interpolated between two lags.
+    """Return the number of steps after lag 1 at which the correlation of `steps` (K, n, 2) is half of `whole`.
 
-    Found by doubling and bisection; extrapolated from the longest lag if the walk is too short.
+    Found by doubling and bisection, and interpolated between two lags; extrapolated from the longest lag if the walk is
+    too short.
     """
     low, at_low, high, longest = 1, whole, 2, len(steps) - 1
     while (at_high := _agreement(steps, min(high, longest))) > 0.5 * whole:

@@ -47,10 +47,10 @@ class Detector(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, settings: Settings, rng: Generator) -> None:
-        """Start without images."""
+        """Create a detector that has seen no image yet; `rng` is the source of all its random numbers."""
 
     def detect(self, image: Image) -> Detected:
-        """Find people in an image (height, width, 3), BGR, uint8; images come in the order of time."""
+        """Return the boxes of people in an image (height, width, 3), BGR, uint8; images come in the order of time."""
 
 
 class ExportContext(NamedTuple):
@@ -73,10 +73,13 @@ class Exporter(Protocol):
     tables: ClassVar[tuple[str, ...]]  # names of the tables that it takes; the first that an input holds is taken
 
     def __init__(self, settings: Settings) -> None:
-        """Create an exporter without output."""
+        """Create an exporter that has written nothing yet; one object may write several files."""
 
     def write(self, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
-        """Write all rows; the file can only be written on, may be standard output, and is closed by who opened it."""
+        """Write all rows to a file that can only be written on, may be standard output, and is closed by its opener.
+
+        `world`: unit and scene of the rows.
+        """
 
 
 class TargetScan(NamedTuple):
@@ -121,10 +124,10 @@ class Filter(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
-        """Create a filter without knowledge of the target."""
+        """Create a filter that knows nothing of the target yet; `rng` is the source of all its random numbers."""
 
     def step(self, scan: TargetScan) -> EstimatedPosition | None:
-        """Take a time step in; where the target is then, or None where that is not known yet."""
+        """Update the filter with a scan; return the target's position at its time, or None if that is not known yet."""
 
 
 class MetricInput(NamedTuple):
@@ -151,10 +154,10 @@ class Metric(Protocol):
     units: ClassVar[Mapping[str, str]]  # unit of each figure by its name: `length`, `s`, `1`, ...
 
     def __init__(self, settings: Settings) -> None:
-        """Create a metric without data."""
+        """Create a metric; one object may compare several times, without memory of earlier comparisons."""
 
     def figures(self, compared: MetricInput) -> Mapping[str, float]:
-        """Give all figures by their names; NaN: there is nothing to compute it from."""
+        """Return all figures of a comparison by name; NaN: there is nothing to compute one from."""
 
 
 Columns = Mapping[str, ArrayLike]
@@ -176,7 +179,7 @@ class Reader(Protocol):
         """Create a reader that has not read anything."""
 
     def read(self, path: Path) -> Columns:
-        """Read a file; ValueError, which describes the fault and where, for one that is damaged."""
+        """Return the columns of a file; ValueError, which describes the fault and where, for a damaged one."""
 
 
 class BoxesInFrame(NamedTuple):
@@ -207,10 +210,13 @@ class ViewTracker(Protocol):
     settings: ClassVar[type[Settings]]
 
     def __init__(self, settings: Settings, rng: Generator) -> None:
-        """Create a tracker without people."""
+        """Create a tracker without tracked objects; `rng` is the source of all its random numbers."""
 
     def step(self, found: BoxesInFrame) -> Ints:
-        """Give the (N,) identities of the boxes, from 0 and each once; -1 for a box without an identity (yet)."""
+        """Update the tracker with the boxes of a frame, and return their identities (N,).
+
+        From 0, each once; -1: a box without an identity (yet).
+        """
 
 
 __all__ = [

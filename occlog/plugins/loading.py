@@ -60,12 +60,12 @@ class Plugin(NamedTuple):
 
     @property
     def origin(self) -> str:
-        """Package and version, for provenance."""
+        """Package and version of the plug-in, separated by a space, as in provenance."""
         return f"{self.package} {self.version}"
 
     @property
     def label(self) -> str:
-        """Name, package and version, for messages."""
+        """`plug-in NAME (PACKAGE VERSION)`, for messages."""
         return f"plug-in {self.name} ({self.origin})"
 
     @property
@@ -166,7 +166,7 @@ class Chosen(NamedTuple):
     values: Mapping[str, object]
 
     def config(self, length_unit: str) -> Settings:
-        """All settings, for a length unit."""
+        """Return the settings of the chosen plug-in: defaults for `length_unit`, and the values that were given."""
         of = self.plugin.load()
         with plugin_errors(self.plugin):
             defaults: Settings = of.settings.in_unit(length_unit)

@@ -37,7 +37,7 @@ from .content.model import TIME_LABEL
 
 @cache
 def template(name: str, package: str = "occlog.report", folder: str = "templates") -> Template:
-    """Load a template of a package; a missing value is an error."""
+    """Load the template `name` from a folder of a package; when rendered, a missing value is an error."""
     environment = Environment(
         loader=PackageLoader(package, folder),
         autoescape=True,
@@ -57,7 +57,7 @@ class PageScript(NamedTuple):
 
 
 def script(*names: str) -> PageScript:
-    """Concatenate the scripts of these names."""
+    """Return the concatenated scripts of these names, with their hash for the page's security policy."""
     folder = resources.files("occlog.report").joinpath("templates")
     text = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in names)
     return PageScript(Markup(text), base64.b64encode(hashlib.sha256(text.encode()).digest()).decode())
@@ -167,7 +167,7 @@ def target_colour(index: int) -> str:
 
 
 def label(text: object, length: int = LABEL_LENGTH) -> str:
-    """Label for a figure: one line, no control characters, shortened in the middle."""
+    """Return a text for a figure: one line, control characters replaced, cut in the middle to `length` characters."""
     plain = "".join(c if unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}" for c in str(text))
     if len(plain) <= length:
         return plain
@@ -176,7 +176,7 @@ def label(text: object, length: int = LABEL_LENGTH) -> str:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Empty figure of a size in inches."""
+    """Return an empty figure of a width and height in inches."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
@@ -189,7 +189,10 @@ def raw_svg(figure: Figure) -> str:
 
 
 def to_png(figure: Figure, dpi: float, texts: Mapping[str, str]) -> bytes:
-    """Render the figure as PNG with text entries, without dates or software name."""
+    """Render the figure as PNG with `dpi` pixels an inch, without dates or software name.
+
+    `texts`: text entries of the file.
+    """
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=dpi, metadata={"Software": None, **texts})
     return out.getvalue()
@@ -237,7 +240,7 @@ def page_svg(raw: str, prefix: str, title: str, description: str) -> str:
 
 
 def _shrink(text: str, prefix: str) -> str:
-    """Shorten tags and make their ids unique; text between them is unchanged."""
+    """Return an SVG text with shorter tags, and ids that begin with `prefix`; text between tags is unchanged."""
     # Matplotlib makes ids of coordinates to their last bit, which its layout does not keep from one time to the next
     used = {name: k for k, name in enumerate(dict.fromkeys(_REFERENCE.findall(text)))}
     text = _TAG.sub(lambda m: _tag(m[0], used, prefix), text)
@@ -255,7 +258,7 @@ def _tag(tag: str, used: Mapping[str, int], prefix: str) -> str:
 
 
 def _attributes(style: str) -> str:
-    """CSS declarations as presentation attributes, with colours as CSS variables of the page."""
+    """Return CSS declarations (`style`) as presentation attributes, with colours as CSS variables of the page."""
     out = []
     for declaration in style.split(";"):
         name, _, value = (part.strip() for part in declaration.partition(":"))
@@ -274,7 +277,7 @@ def _variable(match: re.Match[str]) -> str:
 
 
 def _numbers(value: str) -> str:
-    """Round coordinates to two decimals (points)."""
+    """Return the `value` of an SVG attribute with coordinates [points] rounded to two decimals."""
     value = " ".join(value.split())
     value = _NUMBER.sub(lambda m: f"{float(m[0]):.2f}".rstrip("0").rstrip("."), value)
     return re.sub(r" ?([A-Za-z]) (?=[-\d])", r"\1", value) if value[:1] == "M" else value
@@ -358,12 +361,15 @@ def extremes(values: Floats, buckets: int) -> Ints:
 
 
 def thin_path(xy: Floats, buckets: int) -> Ints:
-    """Sorted indices of points that keep the extent of a path: extremes of x and y in each section."""
+    """Return sorted indices of points of a path `xy` (N, 2): extremes of x and y in each of `buckets` sections."""
     return np.union1d(extremes(xy[:, 0], buckets), extremes(xy[:, 1], buckets))
 
 
 def envelope(t: Floats, low: Floats, high: Floats, buckets: int) -> tuple[Floats, Floats, Floats]:
-    """Times, minimum of `low` and maximum of `high` in each section."""
+    """Return times, minima of `low` and maxima of `high` in each of `buckets` sections of N samples.
+
+    `t`: (N,) times; up to 2 `buckets` samples are returned as they are.
+    """
     n = len(t)
     if n <= 2 * buckets:
         return t, low, high

@@ -105,13 +105,13 @@ class Posts:
     """Estimates on both sides of gaps, for interpolation over gaps of any width."""
 
     def __init__(self) -> None:
-        """Start without estimates."""
+        """Create a store without estimates."""
         self._parts: list[Tracks] = []
         self._last = Tracks.empty()
         self._all: Tracks | None = None
 
     def add(self, tracks: Tracks) -> None:
-        """Add rows in the order of time."""
+        """Add rows in the order of time; those on both sides of wide gaps, and the last of each target, are kept."""
         own = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
         both = Tracks.concat([self._last, Tracks(**own)])
         order = np.lexsort((both.t_ns, both.target_id))
@@ -178,7 +178,7 @@ class ThinnedBearings:
 
 
 class _Periods:
-    """Scan periods of targets."""
+    """Accumulated intervals between bearings, from which the scan period of each target follows."""
 
     def __init__(self, scene: Scene, targets: frozenset[int]) -> None:
         self._scene, self._targets = scene, sorted(targets)
@@ -188,7 +188,7 @@ class _Periods:
         self._counts = np.zeros(len(targets) * self._sensors, dtype=np.int64)
 
     def add(self, bearings: Bearings) -> None:
-        """Add the bearings of a time interval."""
+        """Add the bearings of a further time interval."""
         for k, (target, lines) in enumerate(sight_lines(bearings, self._scene, self._targets).items()):
             self._rows[target] += len(lines.t_ns)
             self._together[target] += int(np.count_nonzero(has_common_time(lines.t_ns)))
@@ -275,7 +275,13 @@ def bearings_of(
 def _beside(
     stream: Callable[[], Iterator[Bearings]], scene: Scene, reference: BearingReference
 ) -> Iterator[tuple[Tracks, Bearings]]:
-    """Generate sections of bearings with the estimates around them, and collect evidence."""
+    """Generate sections of bearings with the estimates around them, and add them to the evidence.
+
+    Args:
+        stream: generates the bearings.
+        scene: the sensors.
+        reference: tracks, diagnostics, and the evidence that is updated.
+    """
     sight = SightEvidence(reference.evidence, scene, reference.made, ())
     tracks, bearings = TableBuffer(reference.tracks(), Tracks), TableBuffer(stream(), Bearings)
     diagnostics: TableBuffer[Diagnostics] | None = None
@@ -360,7 +366,7 @@ class StreamedTable(Generic[T]):
         return sum(len(chunk) for chunk in self.chunks()) if self.of_file is None else self.of_file[0]
 
     def may_have(self, column: str) -> bool:
-        """Whether it may have a column."""
+        """Whether the table may have the column: its type, or its file, declares it."""
         known = {each.name for each in self.kind.columns()} if self.of_file is None else self.of_file[1]
         return column in known
 
@@ -370,7 +376,7 @@ Given = Callable[..., StreamedTable[Any] | None]
 
 
 def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
-    """Tables in memory, by name, each as one chunk."""
+    """Return a function that opens the `tables` in memory by name, each as one chunk."""
 
     def opened(name: str, *_: type[ColumnTable]) -> StreamedTable[Any] | None:
         table = tables.get(name)
@@ -380,9 +386,14 @@ def in_memory(tables: Mapping[str, ColumnTable]) -> Given:
 
 
 def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -> Given:
-    """Tables in files, by name, with lengths in a unit; tables missing in a recording are omitted.
+    """Return a function that opens tables in files by name, with lengths in a unit; None for missing ones.
 
     With a scene, directions of arrival of a recording are included as bearings, as in `occlog track`.
+
+    Args:
+        paths: file of each table.
+        unit: of lengths; None: that of the file.
+        scene: poses of arrays; None: unknown.
     """
 
     def opened(name: str, *kinds: type[ColumnTable]) -> StreamedTable[Any] | None:
@@ -490,7 +501,10 @@ class _Reading:
         self._against = CovarianceConsistency(made, scene)
 
     def all(self, metrics: Mapping[str, object]) -> tuple[dict[str, Any], ReportFigures]:
-        """Read all tables; return them by name, and the figures of all rows."""
+        """Read all tables; return them by name, and the figures of all rows.
+
+        `metrics`: figures of `occlog evaluate`, by name.
+        """
         self._own = independent_ids(metrics)
         self._read_tracks()
         self._read_truth()
@@ -518,14 +532,21 @@ class _Reading:
     def _thin(
         self, name: str, given: StreamedTable[T], chunks: Iterable[T] | None = None, *, ends: bool = True
     ) -> DownsampledTable[T]:
-        """Downsample a table from chunks that are also used elsewhere."""
+        """Downsample a table, keep it under `name`, and return it.
+
+        Args:
+            name: of the table.
+            given: the table.
+            chunks: its rows, which are also used elsewhere; None: they are read here.
+            ends: keep first and last row of each target.
+        """
         chunks, most = given.chunks() if chunks is None else chunks, self._most(name)
         found = downsample(chunks, given.kind, given.rows, most, also=self._steps, ends=ends)
         self._keep(name, found)
         return found
 
     def _read_tracks(self) -> None:
-        """Read the tracks, and statistics of people."""
+        """Read the tracks: downsample them, and compute the statistics of people."""
         given: StreamedTable[Tracks] | None = self._open("tracks", PeopleTracks)
         if given is None:
             return
@@ -585,7 +606,7 @@ class _Reading:
             self._keep("truth", near)
 
     def _read_diagnostics(self) -> None:
-        """Read the diagnostics, and camera selections."""
+        """Read the diagnostics: downsample them, and summarise them and the camera selections."""
         given: StreamedTable[Diagnostics] | None = self._open("diagnostics", Diagnostics)
         if given is None:
             return
@@ -608,7 +629,7 @@ class _Reading:
 
     @property
     def _relabelled(self) -> bool:
-        """Whether tracks have their own identities."""
+        """Whether tracks have identities of their own, so that errors name other ones."""
         errors, tracks = self._tables.get("errors"), self._tables.get("tracks")
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
@@ -626,7 +647,7 @@ class _Reading:
     def _came_out(
         self, selected: SelectionStreams, diagnostics: StreamedTable[Diagnostics], kind: type[Errors] | type[Tracks]
     ) -> None:
-        """Errors or tracks at the times of camera selections."""
+        """Add the errors or tracks (`kind`) at the times of camera selections to `selected`."""
         companion = self._open(kind.NAME, kind)
         if companion is None:
             return
@@ -658,7 +679,7 @@ class _Reading:
         self._figures |= {"bound": against_bound, "bound_so_far": drawn[1].values((2,))}
 
     def _read_events(self) -> None:
-        """Read the events, and count them."""
+        """Read the events: downsample them, and count them by kind."""
         given: StreamedTable[Events] | None = self._open("events", Events)
         if given is None:
             return
@@ -715,13 +736,13 @@ class _Reading:
         self._figures |= {"residuals": found.residuals, "sight": found.sight}
 
     def _targets(self) -> tuple[int, ...]:
-        """Sorted identities of the tracked targets."""
+        """Return the sorted identities of the targets in tracks and errors."""
         tables = ("tracks",) if self._relabelled else ("tracks", "errors")
         names = [np.unique(self._tables[name].target_id) for name in tables if name in self._tables]
         return tuple(int(i) for i in np.unique(np.concatenate(names))) if names else ()
 
     def _without(self) -> frozenset[int]:
-        """Targets without known errors."""
+        """Return the targets that have no errors."""
         errors = self._tables.get("errors")
         if self._relabelled:
             return frozenset()
@@ -736,13 +757,13 @@ class _Drawn:
         self._parts: list[np.ndarray] = []
 
     def add(self, values: np.ndarray) -> None:
-        """Add the values of further rows."""
+        """Add the values of the next rows, of which those selected are kept."""
         first, last = np.searchsorted(self._rows, (self._count, self._count + len(values)))
         self._parts.append(values[self._rows[first:last] - self._count])
         self._count += len(values)
 
     def values(self, shape: tuple[int, ...]) -> np.ndarray:
-        """(N, ...) selected values; `shape` of each."""
+        """Return the selected values (N, ...), each of the shape `shape`."""
         return np.concatenate([np.zeros((0, *shape)), *self._parts])
 
 

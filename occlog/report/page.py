@@ -43,7 +43,7 @@ from .replay.thumbnails import Thumbnails
 
 
 def plural(count: int, what: str, several: str = "") -> str:
-    """Format a count: `1 target`, `2 targets`, `2 boxes` with several="boxes"."""
+    """Return a count with its noun: `1 target`, `2 targets`, and `2 boxes` with what="box", several="boxes"."""
     return f"{number(count)} {noun(count, what, several)}"
 
 
@@ -142,7 +142,7 @@ def row_counts(data: ReportInput) -> list[Figure]:
 
 
 class CheckRow(NamedTuple):
-    """Row of the table of checks."""
+    """Row of the page's table of checks: name, stage, result, figures, and the sensors and targets it concerns."""
 
     name: str
     stage: str
@@ -152,7 +152,7 @@ class CheckRow(NamedTuple):
 
 
 def verdict_heading(verdicts: Sequence[Verdict]) -> str:
-    """Heading of a page: all checks of the estimates passed, one failed (not reliable), or none was made."""
+    """Return the heading of a page: all checks of the estimates passed, one failed (not reliable), or none was made."""
     return {
         True: "All checks of these estimates passed",
         False: "Not reliable as they are",
@@ -161,7 +161,7 @@ def verdict_heading(verdicts: Sequence[Verdict]) -> str:
 
 
 def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
-    """Rows of checks with results and figures, and reasons of checks that were impossible."""
+    """Return the rows of the table of checks with results and figures, and reasons of checks that were impossible."""
     return [
         CheckRow(check.name, stage, _result(check), _figures(check), affected(check))
         for stage, check in made_checks(verdicts)
@@ -169,12 +169,12 @@ def check_rows(verdicts: Sequence[Verdict]) -> list[CheckRow]:
 
 
 def check_counts(verdicts: Sequence[Verdict]) -> str:
-    """Number of checks by outcome, as text."""
+    """Return the numbers of checks by outcome, as text."""
     return counts_of(check for _, check in made_checks(verdicts))
 
 
 def affected(check: Check) -> str:
-    """Sensors and targets of a finding."""
+    """Return the sensors and targets of a finding, as text."""
     targets = [f"target {target}" for target in check.targets]
     return ", ".join([*check.sensors, *targets])
 
@@ -285,7 +285,7 @@ def _plots(data: ReportInput) -> list[Plot]:
 
 
 def floorplan(data: ReportInput) -> Plot:
-    """Draw the floor plan (inside `house_style`)."""
+    """Draw the floor plan, inside `house_style`; return it with its caption."""
     size = np.diff(plan_limits(data), axis=0)[0]
     height = float(np.clip(WIDTH * 0.88 * size[1] / size[0] + 1.0, 3.4, 8.4))
     words = ["Seen from above, x and y to the same scale."]
@@ -522,7 +522,13 @@ def build_markdown(data: ReportInput) -> str:
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[object]], sides: str) -> list[str]:
-    """Lines of a Markdown table; `sides`: alignment of each column, left (l) or right (r)."""
+    """Return the lines of a Markdown table.
+
+    Args:
+        head: titles of the columns.
+        rows: cells of each row.
+        sides: alignment of each column, left (l) or right (r), as in `lrr`.
+    """
     lines = [_row(head), "|" + "|".join("---:" if side == "r" else "---" for side in sides) + "|"]
     return [*lines, *(_row(row) for row in rows), ""]
 
@@ -532,6 +538,6 @@ def _row(cells: Sequence[object]) -> str:
 
 
 def plain(value: object) -> str:
-    """Text with markup characters escaped, in one line."""
+    """Return `value` as Markdown text with markup characters escaped, in one line."""
     plain = " ".join(str(value).split())
     return "".join(f"\\{c}" if c in SPECIAL else c for c in plain)

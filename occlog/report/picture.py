@@ -25,7 +25,7 @@ from .page import headline
 
 
 class PicturePanel(NamedTuple):
-    """A panel of the picture."""
+    """Panel of the picture: heading, relative height, and the function that draws it."""
 
     heading: str
     height: float
@@ -50,7 +50,7 @@ def build_picture(data: ReportInput) -> bytes:
 
 
 def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -> None:
-    """Arrange the floor plan on the left, the other panels on the right."""
+    """Draw the floor plan on the left of a figure, the other panels on the right."""
     if data.in_images:
         if data.everybody is not None and data.people is not None:
             draw_crowd(figure, data, data.everybody, data.people)
@@ -69,7 +69,7 @@ def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -
 
 
 def _figures(figure: FigureBase, data: ReportInput) -> None:
-    """Title and key figures as text."""
+    """Draw title and key figures as text."""
     figure.text(0.012, 0.8, label(data.title, 80), fontsize=15, fontweight="bold", va="center")
     shown = headline(data)[:7]
     step = 0.98 / max(len(shown), 6)

@@ -51,7 +51,7 @@ class ReportRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class PageRequest(ReportRequestBase):
-    """Request of a page of one run."""
+    """Request of the report page of one run: tables, images, and outputs."""
 
     RUN: ClassVar[str] = "occlog.report.run:run_report"
     JUDGED: ClassVar[bool] = True
@@ -179,7 +179,7 @@ class OverlayRequest(ReportRequestBase):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that frames are a range."""
+        """Generate the rule (field, whether it holds, words) that `frames` is a range."""
         if self.frames is not None:
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
@@ -207,7 +207,7 @@ class RunComparisonRequest(ReportRequestBase):
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that are read, without duplicates."""
+        """Paths of all input files of both runs, without duplicates."""
         return list(dict.fromkeys(path for run in self.runs for path in run.inputs))
 
 

@@ -60,7 +60,10 @@ def from_folder(request: PageRequest) -> PageRequest:
 
 
 def _in_images(request: PageRequest, folder: Path, found: Mapping[str, Path]) -> PageRequest:
-    """Request for a run with tracks in images, including the images."""
+    """Return the request for a run with tracks in images, with the files of its folder that are not named.
+
+    `found`: files of the run by field; InputError if the folder has no tracks in images.
+    """
     tracks = folder / "view_tracks.parquet"
     if not tracks.is_file():
         raise InputError(
@@ -137,7 +140,7 @@ def _states_boxes(tracks: Path) -> bool:
 
 
 def _made_tracks(tracks: Path | None) -> TrackProvenance:
-    """Provenance of the tracks."""
+    """Return how the tracks were made, by their provenance; defaults if they are None or external."""
     from occlog.evaluate.verdict import TrackProvenance
     from occlog.io.open import open_if_ours
 
@@ -168,7 +171,7 @@ def _unit(paths: PageRequest, scene: Scene | None) -> str:
 
 
 def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """Provenance of this report and of its inputs, with their losses and findings."""
+    """Return the provenance of this report, with its title, and of its inputs, with their losses and verdicts."""
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
     from occlog.io.open import input_losses, open_if_ours
@@ -185,7 +188,10 @@ def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss
 
 
 def run_report(request: PageRequest, job: Job) -> JobResult:
-    """Read the inputs, draw, and write page, picture and Markdown."""
+    """Read the inputs, draw, and write page, picture and Markdown; return summary and losses.
+
+    UsageError if there is no output, or nothing to show.
+    """
     paths = request.found
     if paths.output is None:
         raise UsageError(
@@ -238,7 +244,7 @@ def _check_in_images(paths: PageRequest) -> None:
 
 
 def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
-    """Write files that appear together."""
+    """Write the contents in `made` by path; the files appear together. `overwrite`: they may exist."""
     with OutputGroup() as together:
         for path, content in made.items():
             with open_output(path, overwrite, together) as file:
@@ -246,7 +252,7 @@ def write(made: Mapping[Path, bytes], *, overwrite: bool) -> None:
 
 
 def _images(paths: PageRequest, data: ReportInput) -> Thumbnails | None:
-    """Small images of the recording, with the tracks drawn over them."""
+    """Return small images of the recording with the tracks drawn over them; None without a recording."""
     images = paths.images or paths.recording
     if images is None:
         return None

@@ -62,7 +62,7 @@ class DetectionCounts:
 
 
 def count(found: SensorObservationSet) -> DetectionCounts:
-    """Compute the counts of one sensor."""
+    """Return counts and sums of squares of one sensor's observations, over its frames with a known truth."""
     observations = found.observations.take(found.observations.truth)
     good = observations.visible & observations.hit
     up = good & np.isfinite(observations.residual_elevation)
@@ -112,11 +112,11 @@ class DetectionFigures:
     """Accumulates detection counts over a stream of observations."""
 
     def __init__(self) -> None:
-        """Create an empty count of observations."""
+        """Create figures without sensors and observations."""
         self._sensors: dict[str, dict[str, Sum]] = {}
 
     def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
-        """Add observations of further frames, by sensor."""
+        """Add the observations of further frames, by name of the sensor."""
         for name, found in observations.items():
             own = self._sensors.setdefault(name, {f.name: Sum() for f in fields(DetectionCounts)})
             part = count(found)
@@ -133,13 +133,13 @@ class DetectionFigures:
 
 
 def _counts(sums: Mapping[str, Sum]) -> DetectionCounts:
-    """Convert to integer counts and sums."""
+    """Return the sums of one sensor as `DetectionCounts`; those declared as integers are converted."""
     whole = {f.name: isinstance(f.default, int) for f in fields(DetectionCounts)}
     return DetectionCounts(**{name: int(s.value) if whole[name] else s.value for name, s in sums.items()})  # type: ignore[arg-type]
 
 
 def add_counts(parts: Iterable[DetectionCounts]) -> DetectionCounts:
-    """Total of several counts."""
+    """Return the sum of the counts of several parts or sensors."""
     rows = list(parts)
     return DetectionCounts(**{f.name: sum(getattr(c, f.name) for c in rows) for f in fields(DetectionCounts)})
 
@@ -184,7 +184,11 @@ class FrameResult(NamedTuple):
 
 
 def box_classes(boxes: Floats) -> Ints:
-    """(n,) class of each true box (n, 4: left, top, width, height) of one frame."""
+    """Return the class (n,) of each true box (n, 4: left, top, width, height) of one frame.
+
+    `HIDDEN` if a nearer box (with a lower edge) covers more than `SHARED` of it, `FRONT` if another box does, else
+    `CLEAR`.
+    """
     area = np.prod(boxes[:, 2:], axis=1)
     cover = intersection_areas(boxes, boxes) / area[:, None]  # [i, j]: share of i that j covers
     np.fill_diagonal(cover, 0.0)
@@ -196,7 +200,16 @@ def box_classes(boxes: Floats) -> Ints:
 
 
 def match_frame(views: Views, truth: TruthBoxes, min_overlap: float) -> FrameResult:
-    """Pair views of one frame with its true boxes: the maximum number of pairs with sufficient overlap."""
+    """Pair the views (silhouettes) of one frame with its true boxes, as many as overlap enough.
+
+    Args:
+        views: of one camera and frame.
+        truth: true boxes of that frame; rows without a box are left out.
+        min_overlap: least intersection over union of a pair, 0 to 1.
+
+    Returns:
+        Size class, error along x [px] (NaN: not detected) and mask of detection of each true box; number of views.
+    """
     real = truth.take(truth.box >= 0)
     boxes = _boxes(real)
     pairs = pair_within(1.0 - intersection_over_union(_boxes(views), boxes), 1.0 - min_overlap)
@@ -211,7 +224,7 @@ def _boxes(table: Views | TruthBoxes) -> Floats:
 
 
 def _frames(table: Views | TruthBoxes) -> Iterator[tuple[tuple[str, int], Ints]]:
-    """Sensor and time of every frame, with its rows."""
+    """Generate (sensor, time [ns]) of every frame of a table, with its rows."""
     order = np.lexsort((table.t_ns, table.sensor))
     t_ns, sensor = table.t_ns[order], table.sensor[order]
     change = (t_ns[1:] != t_ns[:-1]) | (sensor[1:] != sensor[:-1])
@@ -276,12 +289,12 @@ class RegionFigures:
 
 
 def _first(table: Views | TruthBoxes) -> tuple[str, int] | None:
-    """Sensor and time of the first row; None without rows."""
+    """Return sensor and time [ns] of the first row; None without rows."""
     return (str(table.sensor[0]), int(table.t_ns[0])) if len(table) else None
 
 
 class _Results:
-    """Counts and errors of frames."""
+    """Accumulated numbers of frames, true boxes and detections, and errors in pixels."""
 
     def __init__(self, in_memory: int) -> None:
         self._frames = self._boxes = self._found = 0
@@ -289,9 +302,9 @@ class _Results:
         self._sum, self._squares, self._sizes = Sum(), Sum(), Spool(in_memory)
 
     def update(self, result: FrameResult, found: Bools, boxes: int | None = None) -> None:
-        """Add a frame with the mask of its detected true boxes.
+        """Add a frame with the mask `found` (n,) of its n true boxes that are detected.
 
-        `boxes`: number of true boxes that count, if not all.
+        `boxes`: number of true boxes that count; None: n.
         """
         errors = result.error_px[found]
         self._frames, self._views = self._frames + 1, self._views + result.views
@@ -328,7 +341,7 @@ class _Results:
 
 
 class Pairing(NamedTuple):
-    """A set of directions paired with the true directions of its time."""
+    """Set of directions paired with the true directions of its time: numbers of both, and errors of the pairs."""
 
     true: int  # number of true directions
     found: int
@@ -371,7 +384,15 @@ def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, f
 
 
 def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
-    """Sets of one sensor in the order of time (None without truth), then true sets without a set at their time."""
+    """Generate the pairing of each set of azimuths of one sensor with the truth, by time; None without a truth.
+
+    Then follow the true sets that no set was paired with, as pairings without estimates.
+
+    Args:
+        found: estimated azimuths; rows of one time are a set.
+        truth: true azimuths, likewise.
+        gap_ns: largest difference in time of a set and its truth [ns].
+    """
     times = np.unique(truth.t_ns)
     used: Bools = np.zeros(len(times), dtype=np.bool_)
     for t_ns in np.unique(found.t_ns).tolist():
@@ -386,7 +407,11 @@ def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
 
 
 def paired(found: Floats, truth: Floats) -> Pairing:
-    """The pairing of (n,) estimates with (m,) true azimuths [rad] with the least sum of 1 - cos(error)."""
+    """Pair estimated azimuths `found` (n,) with true ones (m,) [rad] by the least sum of 1 - cos(error).
+
+    Returns:
+        Numbers of both, and errors (min(n, m),) [rad] in -pi to pi.
+    """
     difference = (found[:, None] - truth[None, :] + np.pi) % (2.0 * np.pi) - np.pi
     i, j = linear_sum_assignment(1.0 - np.cos(difference))
     return Pairing(len(truth), len(found), np.asarray(difference[i, j], dtype=np.float64))
@@ -420,7 +445,7 @@ def _spread(errors: Floats, gate: float) -> dict[str, float]:
 
 
 def _quantiles(errors: Floats) -> dict[str, float]:
-    """Statistics of the absolute errors of all pairs [deg]."""
+    """Return statistics of the absolute errors (n,) of all pairs [deg], by name."""
     if not len(errors):
         return dict.fromkeys(("error_median_deg", "error_p90_deg", "error_max_deg"), np.nan)
     size = np.degrees(np.abs(errors))

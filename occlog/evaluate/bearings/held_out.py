@@ -98,7 +98,7 @@ class HeldOutFigures:
         self._aside: dict[tuple[str, int], _SpilledFrames] = {}
 
     def update(self, rows: Bearings, paths: Mapping[int, ObjectPath]) -> None:
-        """Add the bearings of a further section, with the tracks around it."""
+        """Add the bearings `rows` of a further section, and the tracks around it (`paths`, by target)."""
         for name, sensor in self._sensors.items():
             own = rows.take(rows.sensor == name)
             self._rows[name] += len(own)
@@ -110,7 +110,7 @@ class HeldOutFigures:
                     aside.add(frames, *_expect(sensor, frames, paths.get(target), self._config))
 
     def result(self) -> Metrics:
-        """All figures.
+        """Return all figures by name.
 
         Raises:
             InputError: no bearing is of a sensor that is held out.
@@ -132,7 +132,7 @@ class HeldOutFigures:
 
 
 def frames_of(rows: Bearings) -> HeldOutFrames:
-    """Rows of one sensor, grouped by time."""
+    """Return the bearings and pixels of one sensor's rows as arrays (frames, most in a frame), filled with NaN."""
     times, frame = np.unique(rows.t_ns, return_inverse=True)
     seen = np.flatnonzero(rows.seen)
     count = np.bincount(frame[seen], minlength=len(times))
@@ -147,7 +147,17 @@ def frames_of(rows: Bearings) -> HeldOutFrames:
 def _expect(
     sensor: SensorGeometry, frames: HeldOutFrames, path: ObjectPath | None, config: EvaluateConfig
 ) -> tuple[Floats, Floats, Bools]:
-    """Predicted bearings and offsets (N,) at each frame, and mask of frames in which the target should be in view."""
+    """Predict where a sensor should see a track at each of N frames.
+
+    Args:
+        sensor: the held-out sensor.
+        frames: its frames.
+        path: the track; None: it has no rows nearby.
+        config: largest gap in time that is interpolated.
+
+    Returns:
+        (N,) bearings [rad], (N,) offsets [px], NaN if unknown, and (N,) mask: the target should be in view.
+    """
     if path is None:
         unknown = np.full(len(frames.t_ns), np.nan)
         return unknown, unknown, np.zeros(len(frames.t_ns), dtype=np.bool_)
@@ -188,7 +198,10 @@ class _SpilledFrames:
                     yield shift == 0, self._nearest(start, stop, at + start - begin)
 
     def _nearest(self, start: int, stop: int, at: int) -> HeldOutResiduals:
-        """Residuals of the bearings, in frames from `at` on, nearest to the predictions of frames start to stop."""
+        """Return the residuals of the bearings nearest to the predictions of frames `start` to `stop`.
+
+        `at`: first of the frames with which they are paired; `start` pairs each with its own.
+        """
         own = self._frames.rows(start, stop)
         usable = own["usable"]
         own, theirs = own[usable], self._frames.rows(at, at + stop - start)[usable]
@@ -210,7 +223,7 @@ class _SpilledFrames:
 
 
 class _Figures:
-    """Accumulates figures of residuals."""
+    """Accumulated residuals [rad, px] at held-out sensors, and those of frames paired by chance."""
 
     def __init__(self, config: EvaluateConfig, in_memory: int) -> None:
         self._gate = config.held_out_gate
@@ -264,7 +277,7 @@ HEIGHT = 1.7
 
 
 class BoxFrames(NamedTuple):
-    """Boxes of one camera, by frame."""
+    """Boxes of one camera: of frame k those from start[k] to start[k + 1], with pixels of centre and bottom."""
 
     t_ns: Ints  # (F,) times of the frames, rising
     start: Ints  # (F + 1,) first box of each frame
@@ -339,7 +352,7 @@ def frames_of_boxes(boxes: Boxes | Views, camera: str) -> BoxFrames:
 
 
 def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
-    """All tracks, with a default height for those without one."""
+    """Return all tracks with heights; `height`: that of tracks without one, in the scene's unit."""
     out = []
     for label in np.unique(tracks.target_id).tolist():
         own = tracks.take(tracks.target_id == label)
@@ -349,7 +362,18 @@ def _walkers(tracks: PeopleTracks, height: float) -> list[Walker]:
 
 
 def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: EvaluateConfig, shift: int) -> HeldOutTally:
-    """Pair the boxes of each frame one to one with the tracks of the frame `shift` frames later."""
+    """Pair the boxes of each frame one to one with the tracks at the frame `shift` frames later.
+
+    Args:
+        camera: the held-out camera.
+        frames: its boxes.
+        walkers: tracks with heights.
+        config: gate [px] and largest gap.
+        shift: number of frames; 0 gives true pairs, others pairs by chance.
+
+    Returns:
+        Number of boxes, distances [px] of centres and of feet of pairs, and number of tracks in the image.
+    """
     times = np.roll(frames.t_ns, -shift)
     states = [interpolate_positions(times, w.t_ns, w.state, config.bridge_ns)[0] for w in walkers]
     # (F, K, 3) position of each track at each time, NaN where it is not
@@ -370,7 +394,13 @@ def tally(camera: Camera, frames: BoxFrames, walkers: list[Walker], config: Eval
 
 
 def project(camera: Camera, state: Floats, share: float) -> Floats:
-    """(F, K, 2) pixels of the points at a share of the height of people (F, K, 3: x, y, height); NaN if unknown."""
+    """Return the pixels (F, K, 2) of points of K people in F frames, at a share of their height; NaN if unknown.
+
+    Args:
+        camera: by which they are seen.
+        state: (F, K, 3) x, y and height of each person.
+        share: of the height, 0 (feet) to 1.
+    """
     flat = state.reshape(-1, 3)
     out = np.full((len(flat), 2), np.nan)
     known = np.isfinite(flat).all(axis=1)
@@ -379,7 +409,7 @@ def project(camera: Camera, state: Floats, share: float) -> Floats:
 
 
 def _in_image(camera: Camera, pixels: Floats) -> Bools:
-    """(K,) mask of pixels in the image; without an image size, of those in front of the camera."""
+    """Return the mask (K,) of `pixels` (K, 2) in the image; without an image size, of those in front of the camera."""
     known: Bools = np.isfinite(pixels[:, 0]) & np.isfinite(pixels[:, 1])
     if camera.image_size is None:
         return known
@@ -389,7 +419,7 @@ def _in_image(camera: Camera, pixels: Floats) -> Bools:
 
 
 def _figures(real: list[HeldOutTally], chance: list[HeldOutTally], suffix: str) -> Metrics:
-    """Return the named metrics from totals of real and chance tallies."""
+    """Return the figures of true pairs (`real`) and of pairs by chance, with names that end in `suffix`."""
     boxes, middles = sum(t.boxes for t in real), np.concatenate([np.zeros(0), *(t.middles for t in real)])
     feet = sum(len(t.feet) for t in real)
     other, met = sum(t.boxes for t in chance), sum(len(t.middles) for t in chance)

@@ -58,7 +58,7 @@ class Scans(NamedTuple):
 
 
 def labelled(bearings: Bearings, config: EvaluateConfig) -> Bearings:
-    """Rows with a labelled detection, without held-out sensors."""
+    """Return the rows of labelled detections of sensors that are not held out."""
     return bearings.take(
         bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, np.array(config.held_out, dtype=np.str_))
     )
@@ -68,17 +68,17 @@ class ScanCuts:
     """Groups a stream of rows into scans, independent of chunk borders."""
 
     def __init__(self, config: EvaluateConfig) -> None:
-        """Start without rows."""
+        """Create an empty buffer of rows, with the duration of a scan from the configuration."""
         self.window_ns = round(config.triangulation_window_s * NS)
         """Maximum duration of a scan."""
         self._held: dict[int, Bearings] = {}
 
     def update(self, rows: Bearings, end_ns: int) -> Iterator[Scans]:
-        """Return the complete scans of each target.
+        """Generate the scans that further rows complete, by target.
 
         Args:
-            rows: some more, which end between two times; see `labelled`.
-            end_ns: no later row is before this time; `LAST`: missing.
+            rows: next rows (see `labelled`), which follow those before in time.
+            end_ns: no later row is before this time [ns]; `LAST`: no row follows.
         """
         held, self._held = self._held, {}
         for target in np.union1d(np.unique(rows.target_id), list(held)).astype(np.int64).tolist():
@@ -95,7 +95,7 @@ class ScanCuts:
 
 
 def scan_starts(rows: Bearings, window_ns: int) -> Ints:
-    """First row of each scan, then the number of rows.
+    """Return the first row of each scan (S + 1,), then the number of rows.
 
     A scan lasts at most `window_ns` after its first row and holds each sensor at most once.
     """
@@ -137,7 +137,7 @@ class NoiseFigures:
         self._squares, self._degrees, self._sigma_px = (Spool(in_memory) for _ in range(3))
 
     def see(self, rows: Bearings) -> None:
-        """Add labelled rows."""
+        """Add the stated standard deviations [px] of labelled rows."""
         self._sigma_px.add(rows.sigma_px[np.isfinite(rows.sigma_px)])
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry]) -> None:
@@ -168,12 +168,12 @@ class NoiseFigures:
 
 
 def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> float:
-    """Factor on the stated standard deviations; NaN with fewer than `MIN_SCANS` scans.
+    """Return the factor on the stated standard deviations; NaN with fewer than `MIN_SCANS` scans.
 
     Args:
         squares: (S,) sums of squared residuals over stated variances.
-        degrees: (S,) of freedom, >= 1.
-        near: it is near to this, as that of most of the scans is; None: nothing is known.
+        degrees: (S,) their degrees of freedom, >= 1.
+        near: factor known from most of the scans, to which it is near; None: unknown.
     """
     if len(squares) < MIN_SCANS:
         return float("nan")
@@ -181,7 +181,7 @@ def noise_scale(squares: Floats, degrees: Ints, near: float | None = None) -> fl
 
 
 def _points(degrees: Floats | Ints, chance: float) -> Floats:
-    """(S,) upper quantile of chi-square with the given degrees of freedom: exceeded with probability `chance`."""
+    """Return the upper quantiles (S,) of chi-square with `degrees` (S,) of freedom, exceeded with the `chance`."""
     most = int(degrees.max(initial=1))
     return np.asarray(chdtri(np.arange(1, most + 1), chance)[degrees.astype(np.int64) - 1])
 
@@ -189,12 +189,12 @@ def _points(degrees: Floats | Ints, chance: float) -> Floats:
 def noise_scale_of_many(
     blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, near: float | None = None
 ) -> float:
-    """`noise_scale` of numbers that are generated in blocks.
+    """Return the factor on the stated standard deviations (`noise_scale`) of numbers that are generated in blocks.
 
     Args:
-        blocks: gives squares and degrees of freedom, the same every time.
-        count: how many there are, at least `MIN_SCANS`.
-        near: as there.
+        blocks: generates squares and degrees of freedom, equal at each call.
+        count: number of them, at least `MIN_SCANS`.
+        near: factor known from most of the scans; None: unknown.
     """
 
     def shares() -> Iterator[tuple[Ints, Floats]]:
@@ -215,14 +215,21 @@ def noise_scale_of_many(
 
 
 class NoiseFit(NamedTuple):
-    """Local maximum of the mixture likelihood."""
+    """Local maximum of the likelihood of a mixture: variance factor, and log-likelihood."""
 
     scale2: float
     log_likelihood: float
 
 
 def _fitted(blocks: Callable[[], Iterable[tuple[Floats, Floats]]], count: int, start: float, most: float) -> NoiseFit:
-    """Fit the mixture by EM from a start value of the variance factor; `most`: the largest sum of squares."""
+    """Fit the variance factor of a mixture of true and false bearings by EM.
+
+    Args:
+        blocks: generates (sums of squared normalised residuals, their degrees of freedom), once per iteration.
+        count: number of sums.
+        start: variance factor to begin with.
+        most: largest sum of squares, which limits the range of false ones.
+    """
     scale2, false, reach = start, INITIAL_OUTLIER_SHARE, math.sqrt(max(most, MIN_OUTLIER_RANGE_SIGMAS**2 * start))
     for _ in range(ITERATIONS):
         total, expected, honest, fit = Sum(), Sum(), Sum(), Sum()
@@ -255,7 +262,16 @@ def _density(squares: Floats, degrees: Floats, scale2: float) -> Floats:
 
 
 def _misses(scans: Scans, origins: Floats, config: EvaluateConfig) -> tuple[Floats, Ints]:
-    """Sums of squared residuals and degrees of freedom of one target's scans in which three lines or more met."""
+    """Return the squared residuals of scans of one target in which three lines of sight or more met.
+
+    Args:
+        scans: n bearings, grouped.
+        origins: (n, 2) position of the sensor of each.
+        config: least angle between the lines.
+
+    Returns:
+        (k,) sums of squared normalised residuals, and (k,) degrees of freedom.
+    """
     rows, starts = scans.rows, scans.starts
     found = triangulate.triangulate(
         origins, rows.bearing, rows.sigma, starts=starts, loss="gauss", min_crossing=config.triangulation_min_angle
@@ -286,10 +302,10 @@ class MeasuredNoise(NamedTuple):
 
 
 def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
-    """Noise of readings (in the order of time) without false ones; None with fewer than `MIN_READINGS`.
+    """Return the noise of readings (n,), in the order of time, without false ones; None with fewer than `MIN_READINGS`.
 
     False readings are excluded by the mixture of `noise_scale`. Standard errors are by a jackknife over `STRETCHES`
-    intervals.
+    intervals. `residual_px`: residuals of the readings [px].
     """
     n = len(residual_px)
     if n < MIN_READINGS:
@@ -304,7 +320,7 @@ def measured_noise(residual_px: Floats) -> MeasuredNoise | None:
 
 
 def _measured_noise_of_many(residual_px: Spool) -> MeasuredNoise:
-    """`measured_noise` of numbers in a temporary file."""
+    """Return the noise of residuals [px] in a temporary file, with standard errors by a jackknife over time."""
     n = residual_px.count
     # As `np.array_split` cuts them
     cuts = [n // STRETCHES * k + min(n % STRETCHES, k) for k in range(STRETCHES + 1)]
@@ -363,7 +379,7 @@ class NoiseFromTruth:
         self._residuals = {camera.name: Spool(share) for camera in scene.cameras}
 
     def update(self, observations: Mapping[str, SensorObservationSet]) -> None:
-        """Add observations of further frames, by sensor."""
+        """Add residuals of further frames, by name of the sensor: of visible targets that were reported."""
         for name in observations.keys() & self._residuals.keys():
             own = observations[name].observations
             use = own.truth & own.visible & own.reported & np.isfinite(own.residual_px)
@@ -372,10 +388,10 @@ class NoiseFromTruth:
             self._residuals[name].add(own.residual_px[use][order])
 
     def noise(self) -> dict[str, MeasuredNoise]:
-        """The noise of every camera with enough readings.
+        """Return the noise of every camera with enough readings, by name.
 
         Raises:
-            InputError: none has them.
+            InputError: no camera has them.
         """
         out = {}
         for name, residuals in self._residuals.items():
@@ -393,7 +409,7 @@ class NoiseFromTruth:
 
 
 def scene_with(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> Scene:
-    """The scene with measured noise, and no pose errors, of the cameras that have a measurement."""
+    """Return the scene with the measured noise, and no pose errors, of the cameras in `noise`."""
     cameras = [
         replace(c, sigma_read_px=noise[c.name].sigma, sigma_position=0.0, sigma_yaw=0.0) if c.name in noise else c
         for c in scene.cameras
@@ -419,7 +435,7 @@ def notes_of(scene: Scene, noise: Mapping[str, MeasuredNoise]) -> tuple[str, ...
 
 
 def figures_of(noise: Mapping[str, MeasuredNoise]) -> dict[str, float]:
-    """Figures by camera."""
+    """Return sigma, its standard error and the number of readings of each camera, by name of the figure."""
     out: dict[str, float] = {}
     for name, m in noise.items():
         out |= {

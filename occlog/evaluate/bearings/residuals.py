@@ -109,7 +109,13 @@ class TriangulationFigures:
         self._squares, self._residual_squares = Sum(), Sum()
 
     def update(self, scans: Scans, sensors: Mapping[str, SensorGeometry], path: ObjectPath | None) -> None:
-        """Add scans of a target with its track, or the section of it around them."""
+        """Triangulate further scans of a target, and compare them with its track.
+
+        Args:
+            scans: of the target.
+            sensors: by name.
+            path: the track, or its section around the scans; None: there is none.
+        """
         found = triangulate_scan(scans, sensors, self._config)
         met = found.status == triangulate.TRIANGULATED
         self._total, self._met = self._total + len(met), self._met + int(np.count_nonzero(met))
@@ -127,7 +133,7 @@ class TriangulationFigures:
                 self._within += int(np.count_nonzero(distance <= self._config.triangulation_tolerance))
 
     def result(self) -> Metrics:
-        """The figures; none without scans."""
+        """Return the figures of triangulation by name; an empty mapping without scans."""
         if not self._total:
             return {}
         unit, compared = self._unit, self._distance.count
@@ -241,7 +247,7 @@ class AgainstBearings:
         return max(NEAR_NS, self._config.limit_ns or 0, *self._known.gaps_ns.values(), *gaps.values()) + 1
 
     def update(self, part: EvaluationChunk, errors: Errors, late: Bools) -> None:
-        """Add a section with its errors, and a mask of the errors after the transient."""
+        """Add a section with its errors; `late` (n,) masks the n errors after the transient."""
         rows, config = part.limits.of(self._bearings), self._config
         self.rows += len(rows)
         new = set(np.unique(rows.sensor).tolist()) - set(self._sensors)
@@ -272,13 +278,13 @@ class AgainstBearings:
             self._bound.update(counted, self._sensors, errors, late, targets, measured)
 
     def _tracks_about(self, part: EvaluationChunk) -> Mapping[int, ObjectPath]:
-        """Tracks around the scans that end in a section (they may have begun before it)."""
+        """Return the tracks around the scans that end in a section (they may have begun before it), by label."""
         if self._meeting is None:
             return {}
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
     def _true_paths(self, part: EvaluationChunk) -> tuple[dict[int, ObjectPath], dict[int, ObjectPath]]:
-        """Paths of targets and of moving occluders; positions far away may be approximate."""
+        """Return the paths of targets and of moving occluders by label; positions far off in time are approximate."""
         around = self._around_ns
         near = part.limits.about(part.sides[1], around)
         limits = (part.limits.begin - around, LAST if part.limits.end == LAST else part.limits.end + around)
@@ -313,11 +319,11 @@ class AgainstBearings:
 
     @property
     def bound_rows(self) -> int:
-        """Number of rows of the bound."""
+        """Number of rows of the bound (CRLB); 0 if none is computed."""
         return 0 if self._bound is None else self._bound.rows
 
     def against_truth(self) -> Metrics:
-        """Figures of detections and of the bound; empty without truth."""
+        """Return the figures of detections and of the bound by name; empty without truth."""
         if self._bound is None:
             return {}
         metrics: Metrics = {}
@@ -326,11 +332,11 @@ class AgainstBearings:
         return metrics | self._bound.result(self._scene.length_unit)
 
     def settled_bound(self) -> Metrics:
-        """Figures of the bound after the transient; empty without a bound."""
+        """Figures of the bound after the transient, by name; empty without a bound."""
         return self._bound.result(self._scene.length_unit, late=True) if self._bound and self._bound.rows else {}
 
     def noise(self) -> Metrics:
-        """Figures of the noise of bearings."""
+        """Return the figures of the noise of bearings by name."""
         return self._noise.result()
 
     def meeting(self) -> Metrics:

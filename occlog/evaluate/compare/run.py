@@ -118,7 +118,7 @@ def _check_apart(truth: Path, runs: dict[str, ComparedRun]) -> None:
 
 
 def paired(methods: Sequence[Path], truth: Path | None) -> tuple[list[str], list[dict[str, ComparedRun]]]:
-    """Recordings common to all methods, and the runs of each method.
+    """Return the names of the recordings common to all methods, and for each method its run by recording.
 
     Raises:
         InputError: they have none in common, or some lack one that others have.
@@ -147,7 +147,7 @@ CONDITION = re.compile(r"\s*(\w+)\s+worse(?:\s+by\s+(\S+))?\s*")
 
 
 def parse_condition(condition: str) -> Condition:
-    """A condition such as `idf1 worse by 0.01`; UsageError for any other text."""
+    """Return the condition in a text such as `idf1 worse by 0.01`; UsageError for any other text."""
     found = CONDITION.fullmatch(condition)
     try:
         margin = float(found[2] or 0.0) if found else np.nan
@@ -166,7 +166,7 @@ def parse_condition(condition: str) -> Condition:
 
 
 def run_compare(request: CompareRequest, job: Job) -> JobResult:
-    """Compare the runs, and write the table as Markdown."""
+    """Compare the runs of the request, write the table as Markdown, and return the summary and failed conditions."""
     methods = request.methods
     if len(methods) < 2:
         raise UsageError(
@@ -250,7 +250,7 @@ def compare_runs(
 
 
 def _unit(runs: Sequence[ComparedRun]) -> str:
-    """Length unit of all tracks and truths; InputError if they differ."""
+    """Return the length unit of all tracks and truths; InputError if they differ."""
     tracks = [open_input(run.tracks) for run in runs]
     truths = [open_input(path) for path in dict.fromkeys(run.truth for run in runs)]
     unit, source = common_unit([*tracks, *truths])
@@ -260,7 +260,14 @@ def _unit(runs: Sequence[ComparedRun]) -> str:
 
 
 def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floats:
-    """Contribution of each true frame of a recording to the figures of a run."""
+    """Return the sums (true frames, k) that a recording's frames add to the figures of a run.
+
+    Args:
+        run: tracks and truth.
+        first: run of the first method on the same recording; InputError unless its truth is the same.
+        limit: largest distance of a pair, in `unit`.
+        unit: of lengths.
+    """
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):
         raise InputError(
@@ -291,7 +298,7 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
 
 
 def _same(a: Truth, b: Truth) -> bool:
-    """Whether two truths have the same rows."""
+    """Whether two truths have the same rows, in the same order."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in Truth.columns())
@@ -299,7 +306,7 @@ def _same(a: Truth, b: Truth) -> bool:
 
 
 def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
-    """p-values after Holm's correction; undecided comparisons are not counted."""
+    """Return the p-values by (method, figure) after Holm's correction; undecided comparisons (NaN) do not count."""
     known = sorted((value, key) for key, value in p.items() if np.isfinite(value))
     out, most = dict.fromkeys(p, float("nan")), 0.0
     for k, (value, key) in enumerate(known):
@@ -309,7 +316,14 @@ def _holm(p: Mapping[tuple[int, str], float]) -> dict[tuple[int, str], float]:
 
 
 def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> str:
-    """Verdict of a comparison; `rows`: number of rows tested together."""
+    """Return `better`, `worse`, `no difference shown` or `not decided` for a figure of a run.
+
+    Args:
+        figure: its name, by which less or more is better.
+        found: difference from the first run.
+        holm: p-value, corrected for the rows by Holm's method.
+        rows: number of rows tested together.
+    """
     if not np.isfinite(holm) or 2 * found.least * rows >= LEVEL:
         return "not decided"
     if holm >= LEVEL:
@@ -318,7 +332,7 @@ def _verdict(figure: str, found: PairedDifference, holm: float, rows: int) -> st
 
 
 def _failure(condition: Condition, row: ComparisonRow, later: int) -> str:
-    """Message for a condition that is met; "" if it is not.
+    """Return the message for a condition that a row meets; empty if it does not.
 
     The probability that any of `later` methods fails without being worse is at most `ALPHA` (Bonferroni).
     """

@@ -19,7 +19,7 @@ class Condition(NamedTuple):
     margin: float = 0.0
 
     def __str__(self) -> str:
-        """Condition as text."""
+        """Return the condition as in the option: `FIGURE worse by MARGIN`."""
         return f"{self.figure} worse" + (f" by {self.margin:g}" if self.margin else "")
 
 
@@ -84,7 +84,7 @@ LEVEL = "p has all rows together in view (Holm); a verdict needs p < 0.05"
 
 
 def rows_of(found: MetricComparison, method: int) -> list[tuple[str, ...]]:
-    """Table cells of one method's rows, numbers as text."""
+    """Return the cells of the table rows of the method with this index, numbers as text."""
     return [_cells(row) for row in found.rows if row.method == method]
 
 
@@ -96,7 +96,7 @@ def _cells(row: ComparisonRow) -> tuple[str, ...]:
 
 
 def table(found: MetricComparison, methods: Sequence[Path]) -> str:
-    """Return the comparison as text for the terminal."""
+    """Return the comparison as text for the terminal, a table for each method after the first."""
     out = []
     for m in range(1, len(methods)):
         lines = [HEAD, *rows_of(found, m)]
@@ -107,7 +107,7 @@ def table(found: MetricComparison, methods: Sequence[Path]) -> str:
 
 
 def basis(found: MetricComparison) -> str:
-    """Sentence about the basis of the comparison (number of recordings, frames, test)."""
+    """Return the sentence about the basis of the comparison: number of recordings, frames, test."""
     count = len(found.recordings)
     what = f"{found.frames} frames of {count} recording{'s' if count > 1 else ''}"
     if not found.rows:
@@ -123,7 +123,7 @@ def basis(found: MetricComparison) -> str:
 
 
 def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[str]:
-    """Sentence for each method with implausible tracks (its figures need care)."""
+    """Return a sentence for each method whose tracks are not plausible, with the first warning."""
     out = []
     for m, method in enumerate(methods):
         own = [each for each in found.implausible if each.method == m]
@@ -135,7 +135,7 @@ def implausible_notes(found: MetricComparison, methods: Sequence[Path]) -> list[
 
 
 def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
-    """Return the comparison as Markdown (for a pull request)."""
+    """Return the comparison as Markdown, a table for each method after the first."""
     out = []
     for m in range(1, len(methods)):
         out += [f"### `{methods[m]}` against `{methods[0]}`", "", "| " + " | ".join(HEAD) + " |"]
@@ -146,7 +146,7 @@ def markdown(found: MetricComparison, methods: Sequence[Path]) -> str:
 
 
 def as_dict(found: MetricComparison, methods: Sequence[Path]) -> dict[str, object]:
-    """Return the comparison as JSON-compatible values; null for unknown numbers."""
+    """Return the comparison as values for JSON; None for numbers that are not finite."""
 
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None

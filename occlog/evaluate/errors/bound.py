@@ -61,7 +61,7 @@ class BoundDimensions(NamedTuple):
 
 @dataclass
 class _BoundTarget:
-    """Buffered state of one target."""
+    """State of the recursion of the bound for one target, between blocks of rows."""
 
     first_ns: int | None = None  # of its first pass
     errors: int = 0
@@ -77,13 +77,19 @@ class BoundSums:
     """Sums over rows of the bound, and over errors at the same rows."""
 
     def __init__(self) -> None:
-        """Start without rows."""
+        """Create sums without rows."""
         self.rows = 0
         self._both = self._alone = 0  # rows in space: of bound and error, and of the bound
         self._sums: dict[str, Sum] = {}
 
     def update(self, table: Bound, error: Floats, error_space: Floats) -> None:
-        """Add rows with their errors; NaN: no error, or none in space."""
+        """Add n rows of the bound with the errors of the estimates at them.
+
+        Args:
+            table: n rows.
+            error: (n,) distance on the ground; NaN: no error.
+            error_space: (n,) distance in space; NaN: none.
+        """
         self.rows += len(table)
         self._more("error", error)
         for kind in KINDS:
@@ -106,7 +112,7 @@ class BoundSums:
 
     @classmethod
     def together(cls, parts: Iterable[BoundSums]) -> BoundSums:
-        """Merge the sums of all parts."""
+        """Return new sums over the rows of all parts."""
         out = cls()
         out.update(Bound.empty(), np.zeros(0), np.zeros(0))
         for part in parts:
@@ -118,7 +124,13 @@ class BoundSums:
         return out
 
     def result(self, unit: str, suffix: str, *, with_errors: bool) -> Metrics:
-        """Return the figures of the bound; with `with_errors`, also those of errors at the same rows."""
+        """Return the figures of the bound by name.
+
+        Args:
+            unit: of lengths, part of the names.
+            suffix: of the names.
+            with_errors: true: also those of errors at the same rows.
+        """
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
         out: Metrics = {f"bound_rmse{suffix}_{unit}": least}
         if with_errors:
@@ -223,7 +235,19 @@ class Bounds:
         path: ObjectPath,
         measured: StationMeasurements | None,
     ) -> Records:
-        """Rows of information (measurements and motion) of one target in a section."""
+        """Return the records of one target in a section: Fisher information, and errors of estimates, at each time.
+
+        Empty until the target is observed first.
+
+        Args:
+            target: its label.
+            observations: by sensor, of all targets.
+            sensors: by name.
+            errors: of the target's estimates.
+            late: (n,) mask of those after the transient.
+            path: true positions of the target.
+            measured: distances to stations; None: there are none.
+        """
         known = self._targets[target]
         mine = {
             name: found.observations.take(found.observations.target == target) for name, found in observations.items()
@@ -256,7 +280,7 @@ class Bounds:
         return out
 
     def finish(self, take: Callable[[ColumnTable], None]) -> None:
-        """Make the bound of all that came, and give it away in pieces, in the order of time.
+        """Compute the bound of all rows, and pass it to `take` in pieces, in the order of time.
 
         Raises:
             InputError: the bound of a target is in space, and it has distance measurements or no true height.
@@ -283,7 +307,10 @@ class Bounds:
             take(self._table(self._information.get(number), made.get(number)))
 
     def _forwards(self, information: Records, record: np.dtype[Any]) -> Records:
-        """Filtering bound of a block (forward recursion)."""
+        """Return the filtering bound of a block (forward recursion), as records of the type `record`, a row for each.
+
+        The state of each target is kept for the next block.
+        """
         out = np.zeros(len(information), dtype=record)
         for target, rows in _by_target(information):
             known, t_ns = self._targets[target], information["t_ns"][rows]
@@ -297,7 +324,12 @@ class Bounds:
         return out
 
     def _backwards(self, information: Records, made: Records) -> Records:
-        """Smoothing and filtering bounds of a block (backward recursion)."""
+        """Add the smoothing bound of a block to the records `made`, in place, and return them (backward recursion).
+
+        Args:
+            information: records of the block; blocks come from the last to the first.
+            made: result of `_forwards` for the block.
+        """
         for target, rows in _by_target(information):
             known = self._targets[target]
             d, n = known.d, known.d if self._config.motion == "waypoint" else 2 * known.d
@@ -312,7 +344,12 @@ class Bounds:
         return motion_of(information, dt, self._scene, self._config)
 
     def _table(self, information: Records, made: Records) -> Bound:
-        """Table rows of a block of the bound; also updates the sums."""
+        """Return a block of the bound as table rows, and add it to the sums.
+
+        Args:
+            information: records of the block.
+            made: its filtering and smoothing bounds.
+        """
         parts = []
         for target, rows in _by_target(information):
             known = self._targets[target]
@@ -352,7 +389,7 @@ class Bounds:
 
 
 def _by_target(information: Records) -> list[tuple[int, Ints]]:
-    """Rows of each target in a block, sorted by identity."""
+    """Return the target and its rows in a block of records, sorted by target."""
     return [
         (target, np.flatnonzero(information["target"] == target))
         for target in np.unique(information["target"]).tolist()

@@ -107,7 +107,7 @@ def _without_pixels(sensor: SensorGeometry, seen: SensorObservations) -> Floats:
 
 
 class StationMeasurements(NamedTuple):
-    """Distance measurements of stations, of all targets."""
+    """Measurements of distances to stations, with time and true target of each."""
 
     t_ns: Ints  # (m,)
     target: Ints  # (m,) identity in the truth
@@ -143,7 +143,15 @@ def dimension(target: int, *, high: bool, in_space: bool, config: EvaluateConfig
 
 
 def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen: Ints) -> Bound:
-    """Table rows of a target from filtering and smoothing bounds (T, d, d)."""
+    """Return table rows of the bound of a target at T times.
+
+    Args:
+        t_ns: (T,) times [ns].
+        target: its label.
+        covariance: (T, d, d) filtering bound of the position, d = 2 or 3.
+        smoothed: (T, d, d) smoothing bound.
+        n_seen: (T,) number of measurements.
+    """
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     space = {}
     if covariance.shape[1] == 3:
@@ -175,7 +183,14 @@ def bound_table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n
 def information_of(
     times: Ints, observations: Mapping[str, SensorObservations], sensors: Mapping[str, SensorGeometry], d: int
 ) -> tuple[Floats, Ints]:
-    """(T, d, d) information of all bearings at each time, and the number of bearings."""
+    """Return the Fisher information (T, d, d) of all bearings at each time, and their number (T,).
+
+    Args:
+        times: (T,) rising times [ns], among them those of all observations.
+        observations: of one target, by sensor.
+        sensors: by name.
+        d: 2 on the ground, 3 in space.
+    """
     total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
     of_sensor = space_information if d == 3 else ground_information
     for name, all_observations in observations.items():
@@ -195,7 +210,17 @@ def add_distances(
     path: ObjectPath,
     config: EvaluateConfig,
 ) -> None:
-    """Add the information of distance measurements at known true positions, in place."""
+    """Add the Fisher information of distance measurements at true positions to `information`, in place.
+
+    Args:
+        information: (T, 2, 2) at each time.
+        n_seen: (T,) numbers of measurements, increased too.
+        times: (T,) rising times [ns].
+        measured: of all targets.
+        target: the label whose measurements count.
+        path: its true positions; measurements without one are left out.
+        config: largest gap that is interpolated.
+    """
     own = measured.target == target
     t_ns = measured.t_ns[own]
     xy, known = path.at(t_ns, config.limit_ns)
@@ -206,7 +231,7 @@ def add_distances(
 
 
 def counted(observations: SensorObservations) -> Bools:
-    """(N,) mask of reports that can be of the target."""
+    """Return the mask (N,) of reports that can be of the target: it is in view, or they are within the gate."""
     return observations.reported & (observations.in_view | observations.hit)
 
 
@@ -232,7 +257,13 @@ def motion_of(information: Floats, dt: Floats, scene: Scene, config: EvaluateCon
 
 
 def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
-    """(n, n) prior covariance of the state: the position as given, else uniform in the room."""
+    """Return the prior covariance (n, n) of the state: the position as given, else uniform in the room.
+
+    Args:
+        d: 2 on the ground, 3 in space; n is d for motion `waypoint`, else 2d (position and velocity).
+        scene: region and height of the room.
+        config: given covariances and the motion.
+    """
     position = np.zeros((d, d))
     if config.prior_covariance is None:
         position[:2, :2] = crlb.polygon_covariance(scene.region)
@@ -249,7 +280,7 @@ def prior_of(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
 
 
 class DistancesOfTargets:
-    """Packs the distance measurements of true targets."""
+    """Converter of distance measurements to those of true targets, with positions of the stations."""
 
     def __init__(
         self, labels: Mapping[int, int], scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None

@@ -68,7 +68,7 @@ class DelaySums:
     """
 
     def __init__(self) -> None:
-        """Start without pairs."""
+        """Create sums without pairs."""
         self._width = WINDOW_NS
         # Of each window: n, sums of v (2), e (2), v v, e v, e e
         self._windows: dict[int, Floats] = {}
@@ -148,7 +148,16 @@ def _parts(total: Floats) -> tuple[float, Floats, Floats, float, float, float]:
 
 
 def velocities(paths: Mapping[int, ObjectPath], labels: Ints | Ints32, t_ns: Ints, limit_ns: int | None) -> Floats:
-    """(n, 2) velocity of each target at each time [unit/s]; NaN unless the truth is known before and after."""
+    """Return the true velocity (n, 2) of each target at each time [length/s], by central differences.
+
+    NaN unless the truth is known before and after.
+
+    Args:
+        paths: true paths by label.
+        labels: (n,) target of each row.
+        t_ns: (n,) times [ns].
+        limit_ns: largest gap that is interpolated [ns]; None: that of the path.
+    """
     out = np.full((len(t_ns), 2), np.nan)
     for label, rows in rows_by_label(labels):
         if label in paths:
@@ -212,7 +221,7 @@ class Alternative(NamedTuple):
 
 
 def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> Positions:
-    """The first `MAX_SAMPLE` rows; of the truth those of targets."""
+    """Return the positions in the first `MAX_SAMPLE` rows; of a truth those of targets."""
     parts, count = [(np.zeros(0, np.int64), np.zeros((0, 2)))], 0
     for rows in chunks:
         own = rows.role == "target" if isinstance(rows, Truth) else np.ones(len(rows), dtype=np.bool_)
@@ -246,7 +255,10 @@ def alternative(tracks: Positions, truth: Positions, gate: float) -> tuple[Alter
 
 
 def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
-    """Candidate transforms with the share that agrees, simplest first."""
+    """Generate possible causes of a misfit (unit, axes, clock), simplest first, with the F1 score after each.
+
+    `gate`: largest distance of positions that agree.
+    """
     yield from _changes_of_time(tracks, truth, gate)
     for scale, (name, matrix) in product((1.0, *LENGTH_UNITS), AXES.items()):
         # In the larger unit of both, as the gate is a length that people are apart
@@ -288,22 +300,25 @@ def _changes_of_time(tracks: Positions, truth: Positions, gate: float) -> Iterat
 
 
 def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Positions:
-    """Scale the times of tracks by `factor` about `start`, which is moved to `begin`."""
+    """Return the tracks with times scaled by `factor` about `start` [s], which becomes `begin` [s]."""
     return Positions(begin + factor * (tracks.t - start), tracks.xy)
 
 
 def _tolerance(tracks: Positions, truth: Positions) -> float:
-    """Maximum time difference between compared estimates and true positions [s]."""
+    """Return the largest time difference between compared estimates and true positions [s]."""
     return min(0.51 * max(tracks.step, truth.step, 1e-6), MAX_TOLERANCE_S)
 
 
 def _spread(rows: Ints, count: int = QUERIES) -> Ints:
-    """Select at most `count` rows, evenly spaced."""
+    """Return at most `count` of the rows (n,), evenly spaced."""
     return rows if len(rows) <= count else rows[np.linspace(0, len(rows) - 1, count).round().astype(np.int64)]
 
 
 def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = False) -> float:
-    """F1 score of positions with a counterpart within the gate, over the common time, or the whole."""
+    """Return the F1 score of positions with a counterpart within `gate` (length) and the time tolerance, 0 to 1.
+
+    It is over the common time of both; `whole`: over all their time. 0 if they have no time in common.
+    """
     tolerance = _tolerance(tracks, truth)
     rows = _common(tracks, truth, tolerance)
     if rows is None:
@@ -322,7 +337,10 @@ def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = Fals
 
 
 def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints] | None:
-    """Rows of both sides in their common time; None if it is too short."""
+    """Return the rows of `tracks` and of `truth` in their common time; None if it is too short.
+
+    `tolerance`: time difference [s] that still counts as common.
+    """
     first, last = max(tracks.t[0], truth.t[0]) - tolerance, min(tracks.t[-1], truth.t[-1]) + tolerance
     shorter = min(each.t[-1] - each.t[0] for each in (tracks, truth))
     if last - first < MIN_OVERLAP * shorter + 2.0 * tolerance * (shorter > 0.0) or last < first:
@@ -332,7 +350,10 @@ def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints]
 
 
 def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float, float]:
-    """Time shift with the largest share that agrees, and that share."""
+    """Return the shift [s] of the tracks' times after which most positions agree, and the F1 score with it.
+
+    `gate`: largest distance of positions that agree.
+    """
     step = max(tracks.step, truth.step)
     if not step:
         return 0.0, _met(tracks, truth, gate)
@@ -349,12 +370,15 @@ def _best_shift(tracks: Positions, truth: Positions, gate: float) -> tuple[float
 
 
 def _distance(tree: cKDTree, points: Floats) -> Floats:
-    """(n,) maximum-norm distance to the nearest position; inf if above 1."""
+    """Return the maximum-norm distance (n,) of points (n, d) to the nearest one of the tree; inf if above 1."""
     return np.asarray(tree.query(points, p=np.inf, distance_upper_bound=1.0)[0], dtype=np.float64)
 
 
 def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alternative]:
-    """Rotation (with or without reflection) and translation with most agreeing pairs of one time (Hough transform)."""
+    """Generate the translation, and the rotation or reflection, after which most pairs of one time agree.
+
+    By a Hough transform over `ANGLES` angles. `gate`: largest distance of positions that agree.
+    """
     tolerance = _tolerance(tracks, truth)
     rows = _common(tracks, truth, tolerance)
     if rows is None:
@@ -385,7 +409,7 @@ def _rotations(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alt
 
 
 def _turn(angle: float, mirror: float) -> Floats:
-    """(2, 2) matrix that negates y if `mirror` is -1, then rotates."""
+    """Return the matrix (2, 2) that negates y if `mirror` is -1 (else 1), then rotates by `angle` [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s * mirror], [s, c * mirror]])
 
@@ -409,7 +433,10 @@ class TruthAlignment:
         self._delay = DelaySums()
 
     def update(self, errors: Errors, paths: Mapping[int, ObjectPath], limit_ns: int | None) -> None:
-        """Add errors, with the paths of the targets around these times."""
+        """Add errors, with the paths of the targets around these times.
+
+        `limit_ns`: largest gap of a path that is interpolated [ns]; None: that of the path.
+        """
         error = np.column_stack([errors.error_x, errors.error_y])
         self.update_pairs(errors.target_id, errors.t_ns, error, paths, limit_ns)
 
@@ -420,7 +447,10 @@ class TruthAlignment:
         self._delay.update(t_ns, error, velocities(paths, targets, t_ns, limit_ns))
 
     def checks(self, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-        """Report if a delay explains much of the errors, or if another time, unit or frame makes both sides agree."""
+        """Return checks of a delay that explains much of the errors, and of another time, unit or frame that fits.
+
+        `metrics`: figures of the evaluation by name.
+        """
         return (*self._delay.checks(self._unit), *outcome(ALIGNMENT, self._elsewhere(metrics)))
 
     def _elsewhere(self, metrics: Mapping[str, float]) -> Iterator[Check]:

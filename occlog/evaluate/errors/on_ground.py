@@ -82,7 +82,7 @@ class Gaps:
     """Counts the estimates during the truth that fall into unbridged gaps of it."""
 
     def __init__(self) -> None:
-        """Start without estimates."""
+        """Create counts without estimates."""
         self._inside = self._missed = self._widest_ns = 0
 
     def add(self, t_ns: Ints, path: ObjectPath, span_ns: tuple[int, int], config: EvaluateConfig) -> None:
@@ -119,7 +119,13 @@ class NoCommonTimeError(InputError):
 
 
 def errors_of_pairs(tracks_ns: tuple[int, int], truth_ns: tuple[int, int], config: EvaluateConfig) -> NoCommonTimeError:
-    """Message for a truth that covers the time of no estimate, with the time ranges of both."""
+    """Return the error for a truth that covers the time of no estimate; its message states both time ranges.
+
+    Args:
+        tracks_ns: first and last time of the tracks [ns].
+        truth_ns: of the truth.
+        config: matching, and the largest gap that is bridged.
+    """
     tracks, truth = (f"{in_seconds(first)} to {in_seconds(last)} s" for first, last in (tracks_ns, truth_ns))
     if config.match == "id" and tracks_ns[0] <= truth_ns[1] and truth_ns[0] <= tracks_ns[1]:
         return NoCommonTimeError(
@@ -187,7 +193,7 @@ def settled(errors: Errors, config: EvaluateConfig, begun: dict[int, int] | None
 
 
 def no_targets() -> InputError:
-    """Message for a truth with rows but no target."""
+    """Return the error for a truth with rows but no target."""
     return InputError("truth: has no rows of role target; nothing to compare with", id="empty-input")
 
 
@@ -195,13 +201,13 @@ class PairSums:
     """Sums of squared distances of each track from each target, for one-to-one pairs with the least overall RMSE."""
 
     def __init__(self, known: EvaluationSurvey) -> None:
-        """Start without estimates."""
+        """Create sums for the targets and tracks that the survey found."""
         self._tracks, self._targets = list(known.tracks), list(known.targets)
         self._index_of = {label: n for n, label in enumerate(self._targets)}
         self._sums, self._worst = TargetTrackSums(len(self._targets), len(self._tracks), sums=3), 0.0
 
     def update(self, part: EvaluationChunk, config: EvaluateConfig) -> None:
-        """Add the estimates of a section."""
+        """Add numbers and squared distances of all pairs of track and target in a section."""
         rows = part.rows
         number = np.searchsorted(self._tracks, rows.target_id)
         xy = np.column_stack([rows.x, rows.y])
@@ -224,7 +230,7 @@ class PairSums:
             self._sums.add(target, track, np.stack([shared, more, lost]))
 
     def pairs(self) -> dict[int, int]:
-        """Return the target of each track."""
+        """Return the target of each track by label: the one-to-one pairs with the best sums; tracks may be left out."""
         target, track, (shared, squares, lost) = self._sums.all()
         made = pair_by_sums(track, target, shared, squares + lost, self._worst)
         return {self._tracks[track[n]]: self._targets[target[n]] for n in made.tolist()}
@@ -326,7 +332,7 @@ class TrackErrors:
         return metrics
 
     def settled(self, bound: Callable[[], Metrics] | None = None) -> Metrics:
-        """Figures of the errors and the bound after the transient; empty without a transient."""
+        """Return the figures of the errors and of the `bound` after the transient; empty without a transient."""
         if not (self._transient and self._figures.rows):
             return {}
         after = {**self._late.result(), "estimates": self._late.rows}

@@ -27,7 +27,7 @@ Metrics = dict[str, float]
 
 
 def space_errors(errors: Errors) -> Bools:
-    """(N,) mask of errors with known height and true height."""
+    """Return the mask (N,) of errors with known height and true height."""
     return np.isfinite(errors.error_space)
 
 
@@ -40,20 +40,23 @@ class Consistency:
         self.n_finite = self.inside = self.rows = 0
 
     def update(self, nees: Floats) -> None:
-        """Add values, NaN where the covariance is singular."""
+        """Add values `nees` (n,), NaN where the covariance is singular."""
         finite = nees[np.isfinite(nees)]
         self._sum.add(float(finite.sum()))
         self.rows, self.n_finite = self.rows + len(nees), self.n_finite + len(finite)
         self.inside += int(np.count_nonzero(finite <= self._limit))
 
     def merge(self, other: Consistency) -> None:
-        """Add the sums of another part."""
+        """Add the sums of another part to this one."""
         self._sum.merge(other._sum)
         self.n_finite, self.inside = self.n_finite + other.n_finite, self.inside + other.inside
         self.rows += other.rows
 
     def result(self, name: str, suffix: str) -> Metrics:
-        """Figures, with names that begin with `name`."""
+        """Return mean, share within the 95 % limit, and number of singular covariances.
+
+        Their names are `name`, the figure, and `suffix`.
+        """
         return {
             f"{name}_mean{suffix}": ratio_or_nan(self._sum.value, self.n_finite),
             f"{name}_share_95{suffix}": ratio_or_nan(self.inside, self.n_finite),
@@ -65,7 +68,7 @@ class InSpace:
     """Sums of errors in space, of estimates with known height and true height."""
 
     def __init__(self) -> None:
-        """Start without errors."""
+        """Create sums without errors."""
         self.rows = 0
         self._squares, self._squares_z = Sum(), Sum()
         self._nees = Consistency(CHI2_95_3D)
@@ -78,7 +81,10 @@ class InSpace:
         self._nees.update(high.nees_space)
 
     def result(self, unit: str, suffix: str) -> Metrics:
-        """RMSE along z and in space, and consistency (expected mean NEES: 3); empty without errors in space."""
+        """Return RMSE along z and in space, and consistency (expected mean NEES: 3); empty without errors in space.
+
+        `unit` (of length) and `suffix` are parts of the names.
+        """
         if not self.rows:
             return {}
         return {
@@ -90,7 +96,10 @@ class InSpace:
 
 
 def quantiles_of(values: Spool, shares: Sequence[float]) -> list[float]:
-    """Quantiles as by `np.quantile`, of numbers in memory or on disk; NaN without numbers."""
+    """Return a quantile for each of the `shares` (0 to 1), as `np.quantile`; NaN without numbers.
+
+    `values` are in memory or in a temporary file.
+    """
     whole = values.whole
     if whole is not None:
         return [quantile(whole, share) for share in shares]
@@ -98,7 +107,7 @@ def quantiles_of(values: Spool, shares: Sequence[float]) -> list[float]:
 
 
 def median_of(values: Spool) -> float:
-    """Median as by `np.median`; NaN without numbers."""
+    """Return the median, as `np.median`, of numbers in memory or in a temporary file; NaN without numbers."""
     whole = values.whole
     if whole is not None:
         return float(np.median(whole)) if len(whole) else float("nan")
@@ -111,7 +120,7 @@ def median_of(values: Spool) -> float:
 
 
 class Spread:
-    """Accumulates mean and quantiles of distances."""
+    """Accumulated distances, for their mean, quantiles and maximum."""
 
     def __init__(self, in_memory: int) -> None:
         """Start without distances; up to `in_memory` of them stay in memory."""
@@ -123,20 +132,20 @@ class Spread:
         return ratio_or_nan(self._sum.value, self._values.count)
 
     def update(self, values: Floats) -> None:
-        """Add distances."""
+        """Add distances (n,)."""
         self._values.add(values)
         self._sum.add(float(values.sum()))
         self._most = float(np.fmax(self._most, values.max())) if len(values) else self._most
 
     def merge(self, other: Spread) -> None:
-        """Add the distances of another part."""
+        """Add the distances of another part to this one."""
         for block in other._values.blocks():
             self._values.add(block)
         self._sum.merge(other._sum)
         self._most = float(np.fmax(self._most, other._most))
 
     def result(self, name: str, unit: str) -> Metrics:
-        """Mean, median, 95 % quantile and maximum."""
+        """Return mean, median, 95 % quantile and maximum; their names begin with `name` and end with `unit`."""
         middle, high = quantiles_of(self._values, (0.5, 0.95))
         return {
             f"{name}_mean_{unit}": self.mean,
@@ -147,7 +156,7 @@ class Spread:
 
 
 class _ErrorTarget:
-    """Errors of one target."""
+    """Accumulated errors and NEES of one target."""
 
     def __init__(self) -> None:
         self.sums: list[Sum] = [Sum(), Sum()]
@@ -186,7 +195,7 @@ class ErrorFigures:
         self._nees, self._space = Consistency(CHI2_95_2D), InSpace()
 
     def update(self, errors: Errors) -> None:
-        """Add errors in any order."""
+        """Add rows of errors, in any order, to the figures of all targets and of each."""
         self.rows += len(errors)
         for k, rows in rows_by_label(errors.target_id):
             part = errors.take(rows)

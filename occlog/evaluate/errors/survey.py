@@ -61,11 +61,11 @@ class EvaluationSurvey:
 
     @property
     def estimates(self) -> int:
-        """Number of rows of the tracks."""
+        """Number of rows of all tracks."""
         return sum(each.rows for each in self.tracks.values())
 
     def over(self, t_ns: int) -> tuple[Bools, Bools]:
-        """Masks of the targets and tracks without a row after a time."""
+        """Return masks of the targets and of the tracks without a row after the time `t_ns` [ns]."""
         targets, tracks = (
             np.array([life.last_ns <= t_ns for life in each.values()], dtype=np.bool_)
             for each in (self.targets, self.tracks)
@@ -119,7 +119,13 @@ def survey(tracks: Iterable[Tracks], truth: Iterable[Truth], in_memory: int = NU
 
 
 def _counted(frames: int, latest: int | None, t_ns: Ints) -> tuple[int, int | None]:
-    """Update the number of distinct times by further rows; `latest` is the previous last time."""
+    """Return the number of distinct times after further rows, and the last time.
+
+    Args:
+        frames: number before.
+        latest: last time before; None: none.
+        t_ns: (n,) times of the rows, not before it.
+    """
     times = np.unique(t_ns)
     new = len(times) if latest is None else int(np.count_nonzero(times != latest))
     return frames + new, int(times[-1]) if len(times) else latest
@@ -130,7 +136,7 @@ def _span(before: tuple[int, int] | None, t_ns: Ints) -> tuple[int, int]:
 
 
 def _by_identity(labels: np.ndarray, t_ns: Ints) -> Iterator[tuple[int, Ints]]:
-    """Times of each identity, in order."""
+    """Generate each identity in `labels` (n,) with its times, of `t_ns` (n,), in the order of the rows."""
     order = np.argsort(labels, kind="stable")
     names, first = np.unique(labels[order], return_index=True)
     for name, (start, stop) in zip(names.tolist(), pairwise([*first.tolist(), len(labels)]), strict=True):
@@ -152,7 +158,13 @@ class TruthIntervals:
         self._counts: list[int] = []
 
     def add(self, label: int, t_ns: Ints, last_ns: int | None) -> None:
-        """Add times of further positions of an object; `last_ns`: its previous time, if any."""
+        """Add the intervals between further positions of an object.
+
+        Args:
+            label: of the object.
+            t_ns: (n,) rising times [ns].
+            last_ns: its last time before them; None: they are the first.
+        """
         number = self._number.setdefault(label, len(self._number))
         if number == len(self._counts):
             self._counts.append(0)
@@ -182,7 +194,7 @@ MAX_PAIRS = 10_000_000
 
 
 def _check_identities(lives: Mapping[int, Lifetime], name: str) -> None:
-    """InputError for more than `MAX_IDENTITIES` targets or tracks."""
+    """InputError for more than `MAX_IDENTITIES` lives; `name`: `targets` or `tracks`, for the message."""
     if len(lives) > MAX_IDENTITIES:
         raise InputError(
             f"evaluate: more than {MAX_IDENTITIES} {name} cannot be compared; evaluate parts of the time",

@@ -236,7 +236,7 @@ class EvaluateConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that the prior is a covariance matrix."""
+        """Generate the rule (setting, whether it holds, words) that the prior is a covariance matrix."""
         if self.prior_covariance is not None:
             xx, xy, yy = self.prior_covariance
             yield "prior_covariance", xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance"
@@ -253,5 +253,5 @@ class EvaluateConfig(Settings):
 
     @property
     def bridge_ns(self) -> int:
-        """Largest gap to interpolate [ns]."""
+        """Largest gap in time that is interpolated [ns]."""
         return round(self.bridge_s * 1e9)

@@ -74,10 +74,16 @@ def residuals(rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeome
 def _in_own_frame(
     rows: Bearings, expected: ExpectedMeasurement, sensor: SensorGeometry, shape: tuple[int, ...]
 ) -> tuple[Floats, Floats]:
-    """Residuals [rad] of azimuth and elevation about the sensor's own axes.
+    """Return residuals [rad] of azimuth and elevation about the sensor's own axes, each of the shape `shape`.
 
     A line of sight near the z axis may be measured from beyond it, with an azimuth half a turn off; the nearer
     interpretation is used.
+
+    Args:
+        rows: n bearings with elevations.
+        expected: measurements, of a shape to which n entries are broadcast.
+        sensor: the sensor.
+        shape: of the n rows in that.
     """
     line = direction(rows.bearing, polar_from_elevation(rows.elevation)) @ sensor.rotation
     theta, phi = (angle.reshape(shape) for angle in direction_angles(line))
@@ -89,7 +95,7 @@ def _in_own_frame(
 
 
 def inside_gate(residual: BearingErrors, config: EvaluateConfig) -> Floats:
-    """Residual as a fraction of the gate (up to 1: within); NaN without a report.
+    """Return residuals as fractions of the gate (up to 1: within); NaN without a report.
 
     Azimuth and elevation together: within the ellipse of `gate_sigma` standard deviations.
     """
@@ -107,9 +113,17 @@ def occluded_by_moving(
     everyone: Mapping[int, ObjectPath],
     config: EvaluateConfig,
 ) -> Bools:
-    """(N,) mask of observations of a target that a moving object occludes ([Ercan] Fig. 3).
+    """Return the mask (N,) of observations of a target that a moving object occludes ([Ercan] Fig. 3).
 
-    For cameras, if the configuration states the diameter of objects.
+    For cameras, if the configuration states the diameter of objects; else all are False.
+
+    Args:
+        sensor: the sensor.
+        t_ns: (N,) times [ns].
+        xy: (N, 2) true positions of the target.
+        target: its label.
+        everyone: true paths by label.
+        config: diameter, largest gap.
     """
     rest = [path for k, path in everyone.items() if k != target]
     if config.occluder_diameter is None or sensor.camera is None or not rest:
@@ -194,7 +208,12 @@ def _compare(
 
 
 def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
-    """Candidate of each object in one frame."""
+    """Pair the candidates of one frame with objects, visible ones first; return the candidate of each object.
+
+    Args:
+        cost: (candidates, objects) distance over the gate; above 1, or inf, is no pair.
+        visible: mask of the objects that should be seen.
+    """
     if not np.isfinite(cost).any():
         return {}
     found = {j: i for i, j in pair_within(np.where(visible, cost, np.inf), 1.0)}
@@ -205,7 +224,7 @@ def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
 
 
 def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
-    """Selected rows, with measurements removed where `seen` is False."""
+    """Return the rows with the indices `row`, with measurements removed (NaN) where `seen` is False."""
     taken = rows.take(row)
     names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
     measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}
@@ -236,7 +255,7 @@ class SensorObservations:
     normalised_elevation: Floats
 
     def take(self, rows: Bools) -> SensorObservations:
-        """Select observations by a mask."""
+        """Return the observations selected by a mask (N,)."""
         return SensorObservations(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 

@@ -37,7 +37,16 @@ class _Outline:
         self.last_high = self._edges(t_ns[high], xyz[high], self.last_high)
 
     def _edges(self, t_ns: Ints, xyz: Floats, last: tuple[int, Floats] | None) -> tuple[int, Floats] | None:
-        """Keep the samples on both sides of wide gaps, the first one, and the current last one."""
+        """Keep the samples on both sides of wide gaps, the first one, and the current last one.
+
+        Args:
+            t_ns: (n,) times of the next samples [ns].
+            xyz: (n, 3) positions.
+            last: time and position (1, 3) of the last sample before; None: these are the first.
+
+        Returns:
+            The last sample now.
+        """
         if not len(t_ns):
             return last
         if last is not None:
@@ -62,7 +71,7 @@ class TruthOutlines:
     """Collects outlines of true objects from a stream of chunks."""
 
     def __init__(self) -> None:
-        """Create an empty outline."""
+        """Create outlines without objects."""
         self._found: dict[tuple[str, int], _Outline] = {}
         self._steps = TruthIntervals()
         self.high: set[int] = set()
@@ -90,11 +99,14 @@ class TruthOutlines:
                 known.add(rows.t_ns[mine], xyz[mine])
 
     def labels(self, role: str) -> list[int]:
-        """Identities of objects, sorted."""
+        """Return the identities of the objects with a role (`target` or `occluder`), sorted."""
         return sorted(label for known, label in self._found if known == role)
 
     def gaps_ns(self, role: str, of_targets: dict[int, int]) -> dict[int, int]:
-        """Default maximum gap [ns] that is interpolated, for each object; `of_targets`: for targets only."""
+        """Return the largest gap [ns] that is interpolated by default, for each object of a role.
+
+        `of_targets`: the result for the role `target`.
+        """
         if role == TARGET:
             return of_targets
         if not self._gaps_ns:

@@ -29,7 +29,7 @@ MIN_BRIDGE_S = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ObjectPath:
-    """Positions of one object over time."""
+    """Sampled positions of one object over time, interpolated between samples that are near enough in time."""
 
     t_ns: Ints  # (M,) not falling
     xy: Floats  # (M, 2)
@@ -38,7 +38,7 @@ class ObjectPath:
 
     @property
     def high(self) -> Bools:
-        """(M,) mask of samples with known height."""
+        """(M,) mask of the M samples with a known height."""
         return np.zeros(len(self.t_ns), dtype=np.bool_) if self.z is None else np.isfinite(self.z)
 
     @property
@@ -52,22 +52,25 @@ class ObjectPath:
         return usual_gap_ns(float(np.median(np.diff(self.t_ns))) if len(self.t_ns) > 1 else math.inf)
 
     def at(self, t_ns: Ints, limit_ns: int | None) -> tuple[Floats, Bools]:
-        """Interpolated positions and validity mask; see `interpolate_positions`.
+        """Return positions (N, 2) at `t_ns` (N,), interpolated, and the mask (N,) of valid ones.
 
-        Gaps of at most `limit_ns` are bridged; None: of at most `usual_gap_ns`.
+        Gaps of at most `limit_ns` are bridged; None: of at most `usual_gap_ns`. See `interpolate_positions`.
         """
         return interpolate_positions(t_ns, self.t_ns, self.xy, self.usual_gap_ns if limit_ns is None else limit_ns)
 
     def sampled(self, t_ns: Ints) -> Bools:
-        """(N,) mask of times that are sample times (no interpolation)."""
+        """Return the mask (N,) of the times `t_ns` (N,) at which the path has a sample."""
         return np.isin(t_ns, self.t_ns)
 
     def roughly_at(self, t_ns: Ints) -> Floats:
-        """Positions interpolated over gaps of any width, and held constant beyond the ends."""
+        """Return positions (N, 2) at `t_ns` (N,), interpolated over gaps of any width, constant beyond the ends."""
         return hold_positions(t_ns, self.t_ns, self.xy)
 
     def height_at(self, t_ns: Ints, limit_ns: int | None) -> Floats:
-        """(N,) heights interpolated as by `at`, between samples with a height; NaN if unknown."""
+        """Return the heights (N,) at `t_ns` (N,), interpolated between samples with a height; NaN if unknown.
+
+        `limit_ns`: largest gap that is interpolated [ns]; None: that of this path.
+        """
         known = self.high
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
@@ -75,7 +78,10 @@ class ObjectPath:
         return interpolate_positions(t_ns, self.t_ns[known], self.z[known][:, None], limit)[0][:, 0]
 
     def rough_height_at(self, t_ns: Ints) -> Floats:
-        """(N,) heights interpolated over gaps of any width, held constant beyond the ends; NaN without heights."""
+        """Return heights (N,) at `t_ns` (N,), interpolated over gaps of any width, constant beyond the ends.
+
+        NaN without heights.
+        """
         known = self.high
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
@@ -83,12 +89,12 @@ class ObjectPath:
 
 
 def usual_gap_ns(step_ns: float) -> int:
-    """Maximum gap [ns] that is interpolated, for the usual interval `step_ns`."""
+    """Return the largest gap [ns] that is interpolated for samples with the usual interval `step_ns` [ns]."""
     return round(min(max(MAX_GAP_STEPS * step_ns, MIN_BRIDGE_S * NS), BRIDGE_S * NS))
 
 
 def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, ObjectPath]:
-    """Path of every identity (of one role if given), sorted by identity."""
+    """Return the path of every identity in a table, sorted by identity; `role`: only of this one, empty: all."""
     keep = np.ones(len(table), dtype=np.bool_)
     if role is not None and isinstance(table, Truth):
         keep = table.role == role
@@ -109,11 +115,11 @@ class ExpectedMeasurement(NamedTuple):
     phi: Floats  # (N,) angle from that axis [rad]; NaN where the height is not known
 
     def reshape(self, shape: tuple[int, ...]) -> ExpectedMeasurement:
-        """Reshape all arrays."""
+        """Return a copy with all arrays reshaped to `shape`."""
         return ExpectedMeasurement._make(column.reshape(shape) for column in self)
 
     def take(self, rows: Ints) -> ExpectedMeasurement:
-        """The entries at these positions of the first axis."""
+        """Return the entries at the indices `rows` of the first axis of all arrays."""
         return ExpectedMeasurement._make(column[rows] for column in self)
 
 
@@ -132,11 +138,11 @@ class SensorGeometry:
 
     @property
     def position(self) -> Floats:
-        """(3,) in the world."""
+        """Position (3,) of the sensor in the world, in the scene's unit of length."""
         return np.append(self.ground, self.height)
 
     def expect(self, xy: Floats, z: Floats) -> ExpectedMeasurement:
-        """Expected measurements for positions (N, 2) at heights (N,); NaN positions are not in view.
+        """Return expected measurements for positions `xy` (N, 2) at heights `z` (N,); NaN positions are not in view.
 
         For an unknown height (NaN) the distance uses the sensor's height.
         """
@@ -170,7 +176,10 @@ class SensorGeometry:
 
 
 def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, SensorGeometry]:
-    """Sensors of the given names, sorted; InputError for one that is not in the scene."""
+    """Return the sensors of the given names, sorted; InputError for one without a pose in the scene.
+
+    `source`: what names them, for the message.
+    """
     cameras = {c.name: c for c in scene.cameras if c.placed}
     arrays = {a.name: a for a in scene.arrays}
     out = {}

@@ -196,7 +196,7 @@ class MultiTargetConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that frames are a range."""
+        """Generate the rule (setting, whether it holds, words) that `frames` is a range."""
         if self.frames is not None:
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
@@ -208,7 +208,11 @@ class MultiTargetConfig(Settings):
 
 
 def own_targets_by(config: EvaluateConfig, *, numbered_itself: bool) -> str:
-    """Return the default rule for the target of a track; see `MultiTargetConfig.assigned_target`."""
+    """Return the default rule for the target of a track: `id`, `start` or `optimal`.
+
+    `numbered_itself`: the tracks have identities of their own, thus no numbers of targets. See
+    `MultiTargetConfig.assigned_target`.
+    """
     return "id" if config.match == "id" else ("start" if numbered_itself else "optimal")
 
 

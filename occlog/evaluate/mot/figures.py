@@ -34,12 +34,12 @@ class MotFigures:
     """
 
     def __init__(self, frames: MatchedFrames, config: MultiTargetConfig) -> None:
-        """Start without frames.
+        """Create figures without frames.
 
         Args:
             frames: any part, for the keys of all targets and tracks and for the limit of distance; points meet where
                 their similarity reaches 0.5, boxes where it reaches the overlap.
-            config: how.
+            config: limits and rules of the figures.
         """
         targets, tracks = len(frames.truth_key), len(frames.track_key)
         self._config, points = config, not np.isnan(frames.limit)
@@ -120,15 +120,21 @@ class GospaFigures:
         self._config, self._cutoff, self._sums = config, cutoff, GospaSums(config.gospa_p)
 
     def update(self, frames: MatchedFrames) -> None:
-        """Add frames."""
+        """Add the GOSPA of further frames."""
         self._sums.update(gospa(frames, self._cutoff, self._config.gospa_p, self._config.gospa_alpha))
 
     def merge(self, other: GospaFigures) -> None:
-        """Add the frames of another recording."""
+        """Add the sums of another recording to these."""
         self._sums.merge(other._sums)
 
     def result(self, cells: int, suffix: str, unit: str) -> Metrics:
-        """Mean GOSPA over a number of frames, in the unit of distance, and its parts, in that unit to the power p."""
+        """Return the mean GOSPA over frames, in `unit`, and its parts, in that unit to the power p.
+
+        Args:
+            cells: number of frames (of all views).
+            suffix: of the names of the figures.
+            unit: of distances; empty: without.
+        """
         means = self._sums.means(max(cells, 1))
         end = f"{suffix}_{unit}" if unit else suffix
         power = power_of(self._config, unit)
@@ -142,37 +148,37 @@ def power_of(config: MultiTargetConfig, unit: str) -> str:
 
 
 def of_view(side: Objects, view: int) -> Objects:
-    """Objects of one view."""
+    """Return the rows of the objects in one view, of index `view`."""
     mine = np.zeros(len(side.frame), dtype=np.int64) == view if side.view is None else side.view == view
     return Objects(side.frame[mine], side.label[mine], side.position[mine])
 
 
 def centres(side: Objects) -> Objects:
-    """Replace boxes by their centres."""
+    """Return a copy of the objects in which boxes (left, top, width, height) are replaced by their centres."""
     return side._replace(position=side.position[:, :2] + 0.5 * side.position[:, 2:])
 
 
 class FailureCounts:
-    """Accumulates failure rates."""
+    """Accumulated numbers of label failures, position failures and true rows."""
 
     def __init__(self) -> None:
-        """Start without failures."""
+        """Create counts without rows and failures."""
         self._label = self._position = self._total = 0
 
     def update(self, found: FailureRates, rows: Bools, total: int) -> None:
-        """Add failures of `total` true rows."""
+        """Add the failures `found`, of which the mask `rows` selects those that count, among `total` true rows."""
         label = int(np.count_nonzero(found.label[rows]))
         self._label += label
         self._position += int(np.count_nonzero(rows)) - label
         self._total += total
 
     def merge(self, other: FailureCounts) -> None:
-        """Add the failures of another recording."""
+        """Add the counts of another recording to these."""
         self._label, self._position = self._label + other._label, self._position + other._position
         self._total += other._total
 
     def result(self, suffix: str = "") -> Metrics:
-        """Failure rates over all true rows."""
+        """Return the failure rates over all true rows, and the numbers of failures, with names that end in `suffix`."""
         return {
             f"fr_p{suffix}": ratio_or_nan(self._position, self._total),
             f"fr_l{suffix}": ratio_or_nan(self._label, self._total),
@@ -190,30 +196,33 @@ MIN_MATCHED_SHARE = 0.5
 
 
 def independent_ids(metrics: Mapping[str, object]) -> bool:
-    """Whether the tracks have their own identities, so that figures of per-frame pairs come first."""
+    """Whether the tracks have their own identities, by the figures `metrics`, so that per-frame pairs come first."""
     return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
 def first_of(metrics: Mapping[str, object]) -> dict[str, object]:
-    """The first figures only, in any unit of lengths."""
+    """Return those of the figures that come first, in any unit of length."""
     begin = "matched_rmse_"
     unit = next((name.removeprefix(begin) for name in metrics if name.startswith(begin)), "")
     return {name: metrics[name] for name in names(unit) if name in metrics}
 
 
 def names(unit: str) -> tuple[str, ...]:
-    """Names of the first figures."""
+    """Return the names of the figures that come first in a summary; `unit` (of length) is part of them."""
     pairs = (f"matched_rmse_{unit}", "matched_nees_mean", "matched_nees_share_95", f"matched_gate_{unit}")
     return ("hota", "idf1", "mota", "id_switches", *pairs)
 
 
 def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
-    """All figures, with those in `names` first for tracks with their own identities."""
+    """Return a copy of all figures in which those of `names` come first; `unit` (of length) is part of names."""
     return {name: metrics[name] for name in names(unit) if name in metrics} | dict(metrics)
 
 
 def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
-    """Whether the RMSE of whole-run pairs exceeds that of per-frame pairs by more than `MIN_RMSE_RATIO`."""
+    """Whether the RMSE of whole-run pairs exceeds that of per-frame pairs by more than `MIN_RMSE_RATIO`.
+
+    `unit`: of lengths, part of the names in `metrics`.
+    """
     whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"matched_rmse_{unit}", math.nan)
     return whole > MIN_RMSE_RATIO * pairs
 

@@ -50,7 +50,10 @@ class SampledBoxes(NamedTuple):
 
     @classmethod
     def of(cls, rows: Boxes, views: Sequence[str], frame: Ints) -> SampledBoxes:
-        """Rows with a box in these cameras; `frame` (n,): frame numbers of the rows."""
+        """Return the rows with a box in the cameras `views`, up to `MAX_ROWS`.
+
+        `frame`: (n,) frame numbers of the n rows.
+        """
         index = {name: n for n, name in enumerate(views)}
         view = np.array([index.get(name, -1) for name in rows.sensor.tolist()], dtype=np.int64)
         ltwh = np.column_stack([rows.left_px, rows.top_px, rows.width_px, rows.height_px])
@@ -59,13 +62,13 @@ class SampledBoxes(NamedTuple):
 
     @classmethod
     def merge(cls, parts: Sequence[SampledBoxes]) -> SampledBoxes:
-        """Concatenate samples."""
+        """Return the concatenated samples; without parts, empty ones."""
         nothing = cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4)))
         return cls(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
     @property
     def key(self) -> Ints:
-        """(n,) integer that identifies frame and camera."""
+        """(n,) integer that identifies frame and camera of each box."""
         return self.frame * 1024 + self.view
 
 
@@ -77,7 +80,7 @@ class BoxChange(NamedTuple):
 
 
 def misfit(tracks: SampledBoxes, truth: SampledBoxes, metrics: Mapping[str, float]) -> tuple[Check, ...]:
-    """Check with the correction after which tracks fit the truth, if their MOTA is low."""
+    """Return the check of whether tracks fit the truth; if MOTA in `metrics` is low, with the correction that helps."""
     mota = metrics.get("mota", math.nan)
     return outcome(FITS, _found(tracks, truth) if mota < MIN_MOTA else (), mota=mota, allowed=MIN_MOTA)
 
@@ -95,7 +98,10 @@ def _found(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[Check]:
 
 
 def _changes(tracks: SampledBoxes, truth: SampledBoxes) -> Iterator[tuple[str, SampledBoxes]]:
-    """Candidate corrections of the tracks, simplest first, each alone and with the best shift of frame numbers."""
+    """Generate corrections of the tracks with their descriptions, simplest first.
+
+    Each alone, and with the shift of frame numbers that fits best.
+    """
     for words, change in _of_boxes():
         ltwh = change(tracks.ltwh)
         there = (ltwh[:, 2:] > 0.0).all(axis=1)
@@ -126,7 +132,10 @@ def _of_boxes() -> Iterator[tuple[str, Callable[[Floats], Floats]]]:
 
 
 def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
-    """F1 score of boxes that overlap one of the other side in the same frame by at least `MIN_IOU`."""
+    """Return the F1 score, 0 to 1, of boxes that overlap one of the other side in the same frame.
+
+    An overlap is an IoU of at least `MIN_IOU`; up to `MAX_FRAMES` common frames are compared, 0 without any.
+    """
     common = np.intersect1d(tracks.key, truth.key)
     if not len(common):
         return 0.0
@@ -144,7 +153,10 @@ def fit(tracks: SampledBoxes, truth: SampledBoxes) -> float:
 
 
 def _best_shift(tracks: SampledBoxes, truth: SampledBoxes) -> int:
-    """Shift of the tracks' frame numbers with most boxes near a true box of similar size (Hough transform)."""
+    """Return the shift of the tracks' frame numbers with most boxes near a true box of similar size.
+
+    By a Hough transform.
+    """
     chosen = np.unique(np.linspace(0, len(tracks.frame) - 1, MAX_FRAMES).round().astype(np.int64))
     votes = np.zeros(2 * MAX_SHIFT + 1)
     for view in np.unique(tracks.view).tolist():

@@ -71,7 +71,7 @@ def evaluate_ground(
 
 
 class EvaluatedPart(NamedTuple):
-    """Frames of a part of a recording."""
+    """Frames of a part of a recording: interpolated points from frame `begin` on, rows of tracks, true paths."""
 
     points: PointTracks
     begin: int  # number of frames before it
@@ -149,7 +149,7 @@ class GroundFigures:
 
     @classmethod
     def of(cls, known: EvaluationSurvey, config: MultiTargetConfig, unit: str) -> GroundFigures:
-        """Prepare the figures from a survey of tracks and truth."""
+        """Create the figures for the identities and frames of a survey; `unit`: of lengths."""
         targets, tracks = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
         return cls(targets, tracks, known.frames, config, unit)
 
@@ -203,7 +203,7 @@ class GroundFigures:
         self._failures.merge(other._failures)
 
     def result(self) -> Metrics:
-        """All figures."""
+        """Return all figures by name."""
         unit, cells = self._unit, self._cells
         out = self._failures.result() | {"objects_interpolated": self._interpolated}
         out |= self._mot.result(cells, unit=unit) | {"frames": cells}
@@ -212,7 +212,7 @@ class GroundFigures:
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
-        """Notes for the user."""
+        """Return notes for the user: on track numbers that are of no target."""
         theirs, ours = (np.array(sorted(each), dtype=np.int64) for each in self._labels)
         return unrelated_ids_note(ours, theirs, self._config)
 
@@ -231,7 +231,7 @@ class GroundFigures:
         }
 
     def _trajectory(self, cells: int, unit: str) -> Metrics:
-        """OSPA(2), and mean trajectory GOSPA over a number of frames."""
+        """Return OSPA(2), and the mean trajectory GOSPA over `cells` frames; `unit`: of lengths, in the names."""
         whole = self._ospa2.result()
         out: Metrics = {
             f"ospa2_{unit}": whole.ospa2,
@@ -258,7 +258,7 @@ class PairErrors:
     """
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """Start without pairs; unit of lengths, and how many distances are kept in memory."""
+        """Create sums without pairs; `unit` of lengths, and the number of distances kept `in_memory`."""
         self._unit = unit
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
@@ -288,7 +288,7 @@ class PairErrors:
         return OwnPairs(points.truth.label[true[own]], times[own], error[own], nees)
 
     def merge(self, other: PairErrors) -> None:
-        """Add the pairs of another recording."""
+        """Add the pairs of another recording to these."""
         self._distances.merge(other._distances)
         self._squares.merge(other._squares)
         self._nees.merge(other._nees)
@@ -310,7 +310,7 @@ class PairErrors:
 
 
 def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
-    """Row of each track at each time; -1 where it has none."""
+    """Return the row (n,) in `tracks` with the time `times` (n,) and identity `labels` (n,); -1: none."""
     order = np.lexsort((tracks.target_id, tracks.t_ns))
     keys = list(zip(tracks.t_ns[order].tolist(), tracks.target_id[order].tolist(), strict=True))
     index_of = dict(zip(keys, order.tolist(), strict=True))
@@ -319,7 +319,14 @@ def _rows_at(tracks: Tracks, times: Ints, labels: Ints) -> Ints:
 
 
 def counts_over_time(frames: MatchedFrames, made: MatchedPairs, points: PointTracks, begin: int) -> Counts:
-    """Count targets, tracks and pairs in each frame, from the frame `begin` on."""
+    """Return the numbers of targets, tracks, pairs and switches of each frame of a part.
+
+    Args:
+        frames: the frames that were matched.
+        made: pairs.
+        points: targets and tracks of the part.
+        begin: number of its first frame.
+    """
     cells = len(points.t_ns[0])
     true = np.bincount(points.truth.frame, minlength=cells)
     found = np.bincount(points.tracks.frame, minlength=cells)
@@ -342,11 +349,11 @@ class CountSums:
     """Accumulates numbers of targets and tracks: means, and mean, root mean square and maximum of the difference."""
 
     def __init__(self) -> None:
-        """Start without frames."""
+        """Create sums without frames."""
         self._frames = self._targets = self._tracks = self._off = self._squares = self._most = 0
 
     def update(self, counts: Counts) -> None:
-        """Add frames."""
+        """Add the numbers of targets and tracks of further frames."""
         off = counts.tracks.astype(np.int64) - counts.targets
         self._frames += len(counts)
         self._targets += int(counts.targets.sum())
@@ -356,13 +363,13 @@ class CountSums:
         self._most = max(self._most, int(np.abs(off).max(initial=0)))
 
     def merge(self, other: CountSums) -> None:
-        """Add the frames of another recording."""
+        """Add the sums of another recording to these."""
         self._frames, self._targets = self._frames + other._frames, self._targets + other._targets
         self._tracks, self._off = self._tracks + other._tracks, self._off + other._off
         self._squares, self._most = self._squares + other._squares, max(self._most, other._most)
 
     def result(self) -> Metrics:
-        """The figures."""
+        """Return mean numbers of targets and tracks per frame, and mean, RMS and maximum of their difference."""
         n = self._frames
         return {
             "count_targets_mean": ratio_or_nan(self._targets, n),
@@ -374,21 +381,30 @@ class CountSums:
 
 
 def _interpolated(points: PointTracks, paths: Mapping[int, ObjectPath]) -> int:
-    """Number of true positions interpolated at times at which only other objects have rows."""
+    """Return the number of true positions, on `paths` by label, interpolated where their object has no row."""
     times = points.t_ns[0]
     mine = ((path, times[points.truth.frame[points.truth.label == k]]) for k, path in paths.items())
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
 
 
 def times_of(tracks: Tracks, truth: Truth) -> Ints:
-    """(T,) times at which the truth has a target [ns]; those of the tracks where it is empty."""
+    """Return the times (T,) at which the truth has a target [ns]; those of the tracks if the truth is empty."""
     return np.unique(truth.t_ns[truth.role == "target"] if len(truth) else tracks.t_ns)
 
 
 def points_in_true_frames(
     tracks: Tracks, truth: Truth, times: Ints, config: MultiTargetConfig, limit_ns: int | None, unit: str
 ) -> PointTracks:
-    """Truth and tracks interpolated at the frame times, as one unnamed view."""
+    """Return truth and tracks interpolated at the frame times, as one unnamed view.
+
+    Args:
+        tracks: estimates.
+        truth: InputError if it has rows, but none of a target.
+        times: (F,) rising frame times [ns].
+        config: largest match distance and gap of tracks.
+        limit_ns: largest gap of the truth that is interpolated [ns]; None: that of each path.
+        unit: of lengths.
+    """
     targets = paths_of(truth, "target")
     if len(truth) and not targets:
         raise no_targets()
@@ -404,7 +420,17 @@ def places_of(
     limit_ns: int | None,
     unit: str,
 ) -> PointTracks:
-    """Paths interpolated at the frame times; the first frame has the number `begin`."""
+    """Return paths interpolated at the frame times, as one unnamed view.
+
+    Args:
+        targets: true paths by label.
+        tracks: estimated paths by label.
+        times: (F,) rising frame times [ns].
+        begin: number of the first frame.
+        config: largest match distance and gap of tracks.
+        limit_ns: largest gap of true paths that is interpolated [ns]; None: that of each path.
+        unit: of lengths.
+    """
     left = _points(targets, times, limit_ns)
     right = _points(tracks, times, config.gap_ns(limit_ns))
     tau = np.full(len(left.frame), config.match_distance)
@@ -421,7 +447,10 @@ def places_of(
 
 
 def _points(paths: Mapping[int, ObjectPath], times: Ints, limit_ns: int | None) -> Objects:
-    """Positions of each path at increasing times; no row where unknown."""
+    """Return the positions of each path at rising times (F,), interpolated; no row where they are unknown.
+
+    `limit_ns`: largest gap that is interpolated [ns]; None: that of each path.
+    """
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
     for label, path in paths.items():
         begin, end = np.searchsorted(times, path.t_ns[0]), np.searchsorted(times, path.t_ns[-1], "right")

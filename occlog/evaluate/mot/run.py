@@ -66,7 +66,7 @@ TEXT = (".txt", ".csv")
 
 
 def in_images(path: Path | None) -> bool:
-    """Whether a file holds tracks in images."""
+    """Whether a file holds tracks in images: text, or a table of view tracks or boxes; False for None."""
     if path is None:
         return False
     if _is_text(path):
@@ -76,7 +76,7 @@ def in_images(path: Path | None) -> bool:
 
 
 def evaluate_in_images(request: EvaluateRequest, job: Job) -> Evaluation:
-    """Evaluate tracks in images, and write the outputs; return the result."""
+    """Evaluate tracks in images against true boxes, write the requested outputs, and return the result."""
     compared, config, scene, uncounted = compared_boxes(request)
     begin_work()
     provenance = job.provenance(asdict(config), previous_losses(request.inputs))
@@ -151,7 +151,15 @@ def compared_boxes(
 
 
 def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
-    """Note on true boxes that a benchmark's rules exclude; InputError if none is left."""
+    """Return a note on the true boxes that a benchmark's rules exclude; empty if none are.
+
+    Args:
+        path: file of the true boxes.
+        marks: class and `counts` of each of its rows.
+        rule: name of the benchmark.
+
+    InputError if none is left.
+    """
     skipped = ~(marks.counts & (marks.kind == PEDESTRIAN))
     if not skipped.any():
         return ()
@@ -165,7 +173,7 @@ def _uncounted(path: Path, marks: Marks, rule: str) -> tuple[str, ...]:
 
 
 def _timed(ours: Opened, theirs: Opened) -> Sides:
-    """Generate tracks and true boxes of the same times, in chunks."""
+    """Return a function that generates tracks and true boxes of the same times, chunk by chunk."""
     kind: type[Boxes] = TruthBoxes if ours.has(TruthBoxes) else Boxes
     ellipses = opened_rows(ours, ViewTracks)
     boxes = opened_rows(ours, kind)
@@ -180,7 +188,10 @@ def _timed(ours: Opened, theirs: Opened) -> Sides:
 
 
 def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
-    """Rules for classes: as requested, or as the truth's columns require for MOTChallenge text."""
+    """Return the rules for classes: as requested, or as the truth's columns require.
+
+    `text`: the truth is MOTChallenge text.
+    """
     classes = text and not has_no_rows(truth) and has_classes(truth)
     if config.benchmark == "auto":
         return "mot17" if classes else "mot15"
@@ -198,7 +209,7 @@ def has_no_rows(path: Path) -> bool:
 
 
 def _asked(given: Mapping[str, object]) -> str | None:
-    """Rule for the target of a track that the user requests."""
+    """Return the rule for the target of a track in the given settings; None if the user states none."""
     return None if given.get("assigned_target") is None else str(given["assigned_target"])
 
 
@@ -208,7 +219,7 @@ def _strings(value: object) -> tuple[str, ...]:
 
 @contextmanager
 def _named(files: Mapping[str, Path]) -> Iterator[None]:
-    """Replace the word at the beginning of messages by the file name."""
+    """Context manager: in an InputError replace the first word of the message by the file of that name in `files`."""
     try:
         yield
     except InputError as error:
@@ -226,9 +237,10 @@ def _is_text(path: Path) -> bool:
 def _read_both(
     tracks: Path, truth: Path, config: MultiTargetConfig, rule: str
 ) -> tuple[Boxes, TruthBoxes, Scene | None]:
-    """Read tracks and truth; MOTChallenge text is of the camera in the other file.
+    """Return tracks, truth, and the scene of its recording, if any.
 
-    With classes the truth has all its rows.
+    MOTChallenge text is of the camera in the other file. `rule`: name of the benchmark; with its classes the truth has
+    all its rows.
     """
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)
@@ -241,14 +253,24 @@ def _read_both(
 
 
 def _read_annotated(tracks: Path, truth: Path, config: MultiTargetConfig, counted: str) -> tuple[Boxes, TruthBoxes]:
-    """Read tracks, and truth in the format of an annotation tool, for one of the tracks' cameras."""
+    """Return tracks, and true boxes of an annotation tool, for one of the tracks' cameras.
+
+    Args:
+        tracks: table or text.
+        truth: file of the tool.
+        config: camera, frame rate.
+        counted: name of the format.
+    """
     found, name = _tracks_of_one(tracks, config)
     boxes = read_annotation(truth, counted, name, config)
     return found, boxes if _is_text(tracks) else timed_like(boxes, found, name, config, truth)
 
 
 def _tracks_of_one(path: Path, config: MultiTargetConfig) -> tuple[Boxes, str]:
-    """Tracks, and their camera to which a truth without a camera name refers."""
+    """Return the tracks, and the name of the camera to which a truth without camera names refers.
+
+    `config`: the selected camera, needed if the tracks are of several.
+    """
     if not _is_text(path):
         found = _read_tracks(path)
         return found, _sole_camera(path, found, config)
@@ -281,9 +303,15 @@ def _sole_camera(path: Path, boxes: Boxes, config: MultiTargetConfig) -> str:
 def _read_text(
     path: Path, camera: str, table: type[B], config: MultiTargetConfig, last: int | None = None, *, marked: bool = False
 ) -> B:
-    """Read MOTChallenge text; rows marked as excluded (0) are skipped if `marked`.
+    """Read MOTChallenge text as boxes or true boxes of a camera.
 
-    The truth covers all frames from the first one to `last`, including those after its rows.
+    Args:
+        path: the file.
+        camera: name for the rows.
+        table: type of the result.
+        config: frame rate.
+        last: last frame that the truth covers, rows or not; None: that of its last row.
+        marked: skip the rows that are marked as excluded (0).
     """
     times: dict[str, FrameTimes] = {camera: frame_times(config)}
     if has_no_rows(path):

@@ -23,7 +23,7 @@ from occlog.core.metrics.mot.failure_rates import NO_TARGET
 from occlog.core.metrics.mot.frame_pairs import MatchedFrames, Objects, numbered, of_boxes, of_points
 from occlog.core.metrics.mot.hota import IdentityCounts
 from occlog.core.numerics.assignment import maximum_weight_matching
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.evaluate.results import Evaluation
 from occlog.records.declared.views import Failures
 from occlog.records.tables import Boxes, TruthBoxes
@@ -43,13 +43,13 @@ class NearPairs(NamedTuple):
 
 
 def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: str) -> Ints:
-    """(m,) label of the target assigned to each row's track; `NO_TARGET` if none is.
+    """Return the label (m,) of the target assigned to the track of each row; `NO_TARGET` if none is.
 
     Args:
-        truth: points.
-        tracks: points; rows of one label are one track, in all views.
-        tau: (n,) for each true row how near a track on it must be.
-        t_ns: (m,) time of each row of the tracks.
+        truth: n points.
+        tracks: m points; rows of one label are one track, in all views.
+        tau: (n,) distance within which a track is on the true row.
+        t_ns: (m,) time of each row of the tracks [ns].
         how: `id`: the target of the same label; `start`: the first target that the track is on,
             in any view, of several at that time the nearest in terms of tau; `optimal`: by the
             one-to-one assignment over all views in which most estimates are on their own target.
@@ -63,13 +63,20 @@ class AssignedTargets:
     """Determines the target assigned to each track, over parts of a recording in the order of time."""
 
     def __init__(self, how: str) -> None:
-        """Start without rows; `how`: see `assigned_targets`."""
+        """Create an assignment without rows, by the rule `how` (`id`, `start` or `optimal`, see `assigned_targets`)."""
         self._how = how
         self._first: dict[int, int] = {}
         self._met: Counter[tuple[int, int]] = Counter()
 
     def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
-        """Add a part; see `assigned_targets`."""
+        """Add the rows of a further part, in the order of time.
+
+        Args:
+            truth: n points.
+            tracks: m points.
+            tau: (n,) distance within which a track is on the true row.
+            t_ns: (m,) time of each row of the tracks [ns].
+        """
         if self._how == "id":
             return
         near = _near(truth, tracks, tau)
@@ -82,7 +89,7 @@ class AssignedTargets:
         self._met.update(dict(zip(map(tuple, pairs.tolist()), count.tolist(), strict=True)))
 
     def of(self, labels: Ints) -> Ints:
-        """Label of the target assigned to each track; `NO_TARGET` if none is."""
+        """Return the label (n,) of the target assigned to each track in `labels` (n,); `NO_TARGET` if none is."""
         if self._how == "id":
             return labels
         own = self._first if self._how == "start" else self._best
@@ -100,7 +107,7 @@ class AssignedTargets:
 
 
 def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
-    """Pairs of rows of one frame at most `tau` apart."""
+    """Return all pairs of a true row and a track's row of one frame, at most `tau` (true rows,) apart."""
     frames = of_points(truth, tracks, 1.0)
     parts = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))]
     reach = tau[frames.truth_row]
@@ -125,11 +132,11 @@ class PointTracks(NamedTuple):
     unit: str  # of distances
 
     def times(self, side: Objects) -> Ints:
-        """(n,) time of each row [ns]."""
+        """Return the time (n,) [ns] of each of the n rows of `side`, by view and frame."""
         return self._at(self.t_ns, side)
 
     def numbers(self, side: Objects) -> Ints:
-        """(n,) frame number of each row in the camera's stream."""
+        """Return the frame number (n,) of each of the n rows of `side` in its camera's stream."""
         return self._at(self.number, side)
 
     def _at(self, values: tuple[Ints, ...], side: Objects) -> Ints:
@@ -175,7 +182,10 @@ class ImageTrackFigures:
             each.prepare(of_view(part.truth, v), of_view(part.tracks, v), begin[v : v + 1])
 
     def update(self, part: TruthAndTracks, begin: Sequence[int]) -> Failures:
-        """Second pass, in the order of time; return the failures."""
+        """Add a part in the second pass, in the order of time; return its failures.
+
+        `begin`: number of the part's first frame in each view.
+        """
         points = centres_and_limits(part, self._config)
         found = find_failures(points, self._owners)
         self._pooled.update(part.truth, part.tracks, begin, found, found.frame >= 0)
@@ -215,13 +225,13 @@ class ImageTrackFigures:
         return {name: float(value) for name, value in out.items()}
 
     def notes(self) -> list[str]:
-        """Notes for the user."""
+        """Return notes for the user: on track numbers that are of no target."""
         theirs, ours = self._labels
         return unrelated_ids_note(ours, theirs, self._config)
 
 
 class _ImageFigures:
-    """Figures of all views or of one."""
+    """Accumulated figures (failure rates, CLEAR-MOT, HOTA, GOSPA) of one view, or of all together."""
 
     def __init__(self, targets: Ints, tracks: Ints, config: MultiTargetConfig) -> None:
         self._keys, self._config, self._failures = (targets, tracks), config, FailureCounts()
@@ -261,7 +271,10 @@ class _ImageFigures:
 
 
 def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> MatchedFrames:
-    """Frames with identities common to all views, as for several cameras of one place."""
+    """Return the frames of all views with identities common to the views, as for several cameras of one place.
+
+    `labels`: all identities of truth and tracks.
+    """
     sides = []
     for side in (truth, tracks):
         sides.append(Objects(side.frame + (_views_of(side) << 40), side.label, side.position))
@@ -270,7 +283,10 @@ def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> Ma
 
 
 def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> PointTracks:
-    """Centres of the boxes, with distance limits; a target's radius is sqrt(half width * half height)."""
+    """Return the centres of the boxes, with the largest distance of a track on each target.
+
+    It is `distance_gate_px`, or `distance_gate` times sqrt(half width * half height) of the true box.
+    """
     radius = 0.5 * np.sqrt(compared.truth.position[:, 2] * compared.truth.position[:, 3])
     tau = (
         config.distance_gate * radius
@@ -290,13 +306,13 @@ def centres_and_limits(compared: TruthAndTracks, config: MultiTargetConfig) -> P
 
 
 def find_failures(points: PointTracks, owners: AssignedTargets) -> failure_rates.FailureRates:
-    """Failures of trackers, with their assigned targets (if any)."""
+    """Return the position and label failures [Qu] of the trackers, by the target assigned to each."""
     own = owners.of(points.tracks.label)
     return failure_rates.failures(points.truth, points.tracks, points.tau, own)
 
 
 def failure_rows(found: failure_rates.FailureRates, points: PointTracks) -> Failures:
-    """Table of failures, sorted by time, camera and target."""
+    """Return the failures as a table, sorted by time, camera and target; `points` gives times and names."""
     view = found.view.astype(np.int64)
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
     names: Strings = np.array([*points.views, ""], dtype=np.str_)
@@ -319,7 +335,7 @@ def _views_of(side: Objects) -> Ints:
 
 
 def _visible(at: Objects, points: PointTracks) -> Floats:
-    """(n,) visible share of the target of each row; NaN if unknown or absent in the frame."""
+    """Return the visible share (n,) of the target of each row of `at`; NaN if unknown or absent in the frame."""
     known = zip(_views_of(points.truth).tolist(), points.truth.frame.tolist(), points.truth.label.tolist(), strict=True)
     share = dict(zip(known, points.visible.tolist(), strict=True))
     rows = zip(_views_of(at).tolist(), at.frame.tolist(), at.label.tolist(), strict=True)
@@ -327,12 +343,18 @@ def _visible(at: Objects, points: PointTracks) -> Floats:
 
 
 def skipped_cameras_note(names: Sequence[str]) -> list[str]:
-    """Note on cameras of the truth without any track; empty if there is none."""
+    """Return a note on the cameras `names` of the truth, which have no track; empty if there are none."""
     return [f"skipped: {', '.join(names)}: in the truth, but without any track"] if names else []
 
 
 def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> list[str]:
-    """Note if the sorted numbers of tracks and targets have none in common; otherwise empty."""
+    """Return a note if no track has the number of a target, and tracks are assigned by number; else empty.
+
+    Args:
+        ours: (n,) sorted numbers of the tracks.
+        theirs: (m,) of the targets.
+        config: how tracks are assigned.
+    """
     if config.assigned_target != "id" or not len(ours) or np.isin(ours, theirs).any():
         return []
     return [
@@ -369,10 +391,14 @@ class _Side:
             self.frames = min(low, int(boxes.frame.min())), max(high, int(boxes.frame.max()))
 
     def check(self, what: str, config: MultiTargetConfig) -> None:
-        """InputError if a selected camera, or every selected frame of the truth, is missing."""
+        """InputError if a selected camera, or every selected frame of the truth, has no rows.
+
+        `what`: `truth` or `tracks`, which this side is.
+        """
         if missing := [name for name in config.cameras if name not in self.cameras]:
             raise InputError(
-                f"{what}: no camera {', '.join(missing)}; there is {', '.join(sorted(self.cameras)) or 'none'}",
+                f"{what}: no rows of camera {', '.join(missing)}; choose with {option('camera')}: "
+                f"{', '.join(sorted(self.cameras)) or 'none'}",
                 id="unknown-sensor",
             )
         if what == "truth" and config.frames is not None and self.frames is not None and not self.rows:
@@ -475,7 +501,7 @@ class ComparedBoxes:
         )
 
     def figures(self, take: Callable[[Failures], None] | None = None) -> ImageTrackFigures:
-        """All figures; failures are passed to `take`."""
+        """Compare all parts and return the accumulated figures; failures of each part are passed to `take`."""
         out = ImageTrackFigures(self.views, self.targets, self.tracks, self._config)
         for begin, part in self.parts():
             out.prepare(part, begin)
@@ -486,7 +512,7 @@ class ComparedBoxes:
         return out
 
     def evaluate(self, take: Callable[[Failures], None] | None = None) -> Evaluation:
-        """The evaluation; failures are passed to `take`."""
+        """Return figures, notes and checks of the comparison; failures of each part are passed to `take`."""
         found = self.figures(take)
         notes = (*skipped_cameras_note(self.left_out), *found.notes())
         metrics = found.result(self.frames, self.counts)

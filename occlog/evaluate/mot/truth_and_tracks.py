@@ -67,7 +67,7 @@ class TruthAndTracks(NamedTuple):
 
 
 def box_edges(boxes: Boxes) -> Floats:
-    """(n, 4) left, top, width, height."""
+    """Return left, top, width and height (n, 4) of boxes [px]."""
     return np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px])
 
 
@@ -114,7 +114,7 @@ def boxes_in_true_frames(
 
 
 def asked_for(boxes: Boxes, config: MultiTargetConfig) -> Bools:
-    """(n,) mask of rows of the selected cameras and frames."""
+    """Return the mask (n,) of rows of the cameras and frames that the configuration selects."""
     keep = np.isin(boxes.sensor, config.cameras) if config.cameras else np.ones(len(boxes), dtype=np.bool_)
     if config.frames is not None:
         keep &= (boxes.frame >= config.frames[0]) & (boxes.frame < config.frames[1])
@@ -122,7 +122,7 @@ def asked_for(boxes: Boxes, config: MultiTargetConfig) -> Bools:
 
 
 def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Common cameras of tracks and truth, and those of the truth without tracks.
+    """Return the common cameras of tracks (`ours`) and truth (`theirs`), and those of the truth without tracks.
 
     Raises:
         InputError: the truth has no camera, or the tracks have others than the truth.
@@ -143,7 +143,10 @@ def compared_views(ours: Collection[str], theirs: Collection[str]) -> tuple[tupl
 
 
 def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[Ints, ...], tuple[Ints, ...], list[Ints]]:
-    """Times, numbers and keys of the true frames of each view, sorted by key."""
+    """Return times [ns], numbers and keys of the true frames of each of the cameras `views`, sorted by key.
+
+    `key`: column that identifies a frame, `t_ns` or `frame`.
+    """
     times, numbers, keys = [], [], []
     for name in views:
         rows = truth.take(truth.sensor == name)
@@ -155,7 +158,14 @@ def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[In
 
 
 def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -> tuple[Ints, Ints]:
-    """View of each row, and index of its frame among the true frames; -1 if it is in none."""
+    """Return the view (n,) of each row, and the index (n,) of its frame among the true frames; -1: in none.
+
+    Args:
+        boxes: n rows.
+        views: names of the cameras.
+        keys: sorted keys of the true frames, by view.
+        key: column that identifies a frame, `t_ns` or `frame`.
+    """
     view, cell = np.zeros(len(boxes), dtype=np.int64), np.full(len(boxes), -1, dtype=np.int64)
     values = getattr(boxes, key)
     for v, name in enumerate(views):
@@ -169,7 +179,14 @@ def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -
 
 
 def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
-    """InputError for a row without identity, or with a repeated one in the frame."""
+    """InputError for a row without identity, or with one that another row of its frame has.
+
+    Args:
+        what: `truth` or `tracks`, for the message.
+        boxes: n rows.
+        view: (n,) index of the view.
+        cell: (n,) index of the frame.
+    """
     order = np.lexsort((boxes.target_id, cell, view))
     keys = np.column_stack([view, cell, boxes.target_id])[order]
     same = (keys[1:] == keys[:-1]).all(axis=1)
@@ -386,7 +403,7 @@ def pedestrians(compared: TruthAndTracks, marks: Marks, distractors: tuple[int, 
 
 
 def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
-    """(m,) mask of tracks paired with a distractor."""
+    """Return the mask (m,) of tracks that are paired, one to one by overlap, with a true box in `distractor` (n,)."""
     truth, tracks = _by_frame(compared.truth), _by_frame(compared.tracks)
     out = np.zeros(len(compared.tracks.frame), dtype=np.bool_)
     for frame, ours in tracks.items():
@@ -402,7 +419,7 @@ def _on(compared: TruthAndTracks, distractor: Bools) -> Bools:
 
 
 def _by_frame(side: Objects) -> dict[int, Ints]:
-    """Rows of each frame, sorted by label."""
+    """Return the rows of each frame by its number, sorted by label."""
     order = np.lexsort((side.label, side.frame))
     frames, first = np.unique(side.frame[order], return_index=True)
     return dict(zip(frames.tolist(), np.split(order, first)[1:], strict=True))

@@ -97,7 +97,15 @@ def command(
 def make_tolerances(
     rtol: float, atol: float, tol: tuple[str, ...], tol_unit: tuple[str, ...], time_tol: str
 ) -> Tolerances:
-    """Parse the tolerances from option texts; UsageError for invalid ones."""
+    """Return the tolerances that the options state; UsageError for invalid ones.
+
+    Args:
+        rtol: relative tolerance of floats.
+        atol: absolute tolerance of floats.
+        tol: texts `COLUMN=ATOL[:RTOL]`.
+        tol_unit: texts `UNIT=ATOL[:RTOL]`, for all columns in that unit.
+        time_tol: largest difference in time of paired rows, with its unit, for example `20ms`.
+    """
     for name, value in (("--rtol", rtol), ("--atol", atol)):
         if not math.isfinite(value):
             raise UsageError(f"{name} {value}: expected a finite number")

@@ -65,7 +65,7 @@ _ABSENT = object()
 
 
 class _JsonWalk(NamedTuple):
-    """Recursive comparison of two JSON values."""
+    """Recursive comparison of two JSON values, with tolerances, and with or without their provenance."""
 
     name: str
     limits: Tolerances
@@ -93,7 +93,14 @@ class _JsonWalk(NamedTuple):
             yield self._value(path or "value", key, a, b)
 
     def _entry(self, path: str, key: str, a: object, b: object) -> Iterator[RowDifference | str]:
-        """Compare an entry of a container that may be missing in one file."""
+        """Generate the differences of an entry of a container, which may be missing (`_ABSENT`) in one file.
+
+        Args:
+            path: position of the entry in the file.
+            key: last key of an object on the path.
+            a: value of the first file.
+            b: value of the second file.
+        """
         if a is _ABSENT:
             yield RowDifference("added", self.name, {"path": path}, key, b=_short(b))
         elif b is _ABSENT:
@@ -102,7 +109,14 @@ class _JsonWalk(NamedTuple):
             yield from self.values(path, key, a, b)
 
     def _value(self, path: str, key: str, a: object, b: object) -> RowDifference | str:
-        """Compare two values of which at least one is not a container."""
+        """Return the difference of two values, of which at least one is no container, or `both` if they agree.
+
+        Args:
+            path: position of the values in the file.
+            key: last key of an object on the path, by which numbers have their tolerance.
+            a: value of the first file.
+            b: value of the second file.
+        """
         if not (_is_number(a) and _is_number(b)):
             same = type(a) is type(b) and a == b
             return "both" if same else RowDifference("value", self.name, {"path": path}, key, a=_short(a), b=_short(b))
@@ -135,14 +149,17 @@ def _is_list(value: object) -> TypeGuard[Sequence[object]]:
 
 
 def _short(value: object) -> Scalar:
-    """Short description of a container; other values are unchanged."""
+    """Return a short description of a list or object; other values as they are."""
     if isinstance(value, Mapping):
         return f"an object of {len(value)} entries"
     return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
 
 
 def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
-    """Compare the stored verdicts of stages that both files have; empty if equal."""
+    """Compare the stored verdicts of the stages that the files `a` and `b` both have.
+
+    `name`: of the files in the result. One difference, or an empty list if they agree.
+    """
     from occlog.io.files.inputs import verdicts_of_file
 
     left, right = ({verdict.stage: verdict for verdict in verdicts_of_file(path)} for path in (a, b))
@@ -161,7 +178,7 @@ def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
 
 
 def compare_provenance(name: str, a: object, b: object) -> DiffResult:
-    """Compare the provenance of two files."""
+    """Compare the provenance `a` and `b` (JSON values) of two files; `name`: of the files in the result."""
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
 
@@ -173,7 +190,10 @@ YAML = (".yaml", ".yml")
 
 
 def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> DiffResult:
-    """Compare two files of one kind."""
+    """Compare two files of one kind: YAML by value, report pages up to the last digit of decimals, others by byte.
+
+    `name`: of the files in the result; YAML is recognised by its ending.
+    """
     data_a, data_b = (content(path, settings) for path in (a, b))
     if data_a != data_b and name.lower().endswith(YAML):
         values_a, values_b = values_in(name, data_a), values_in(name, data_b)
@@ -205,7 +225,10 @@ def _same_pages(a: bytes, b: bytes) -> bool:
 
 
 def content(path: Path, settings: DiffSettings) -> bytes:
-    """Content of a file for comparison; provenance in a report page or picture is removed unless it is compared."""
+    """Return the bytes of a file; of a page or picture without provenance, unless the settings compare it.
+
+    InputError if it cannot be read.
+    """
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -239,7 +262,10 @@ def _without_texts(png: bytes) -> bytes:
 
 
 def values_in(name: str, data: bytes) -> object:
-    """Return the values of YAML, the lines of text, or the hash of any other file."""
+    """Return the values of YAML, the lines of text, or the SHA-256 of any other content.
+
+    `name`: of the file; YAML is recognised by its ending.
+    """
     from occlog.io.files.texts.yaml import parse_yaml
 
     try:
@@ -252,7 +278,10 @@ def values_in(name: str, data: bytes) -> object:
 
 
 def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
-    """Compare two files byte by byte; the first difference is located by byte, and by line in text."""
+    """Compare the contents `a` and `b` byte by byte; the first difference is located by byte, in text also by line.
+
+    `name`: of the files in the result.
+    """
     if a == b:
         return DiffResult(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))
     shorter = min(len(a), len(b))
@@ -270,7 +299,7 @@ def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
 
 
 def _line(data: bytes, at: int) -> str | None:
-    """The line around a byte, shortened; None at the end of the file."""
+    """Return the line around byte `at`, shortened, as text; None at the end of the file."""
     if at >= len(data):
         return None
     start = data.rfind(b"\n", 0, at) + 1

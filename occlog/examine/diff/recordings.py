@@ -40,7 +40,10 @@ class RecordedMessages(ColumnTable):
 
 
 def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare attachments, frames, each table and, with `provenance`, the provenance of two recordings."""
+    """Compare two recordings: attachments, frames, each table, verdicts and, if the settings say so, provenance.
+
+    `name`: of the files in the results. A result for each part that one of them has.
+    """
     left, right = open_recording(a), open_recording(b)
     out = [_compare_attachments(left, right, name, settings)]
     out.append(
@@ -61,7 +64,10 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
 
 
 def _compare_attachments(a: McapRecording, b: McapRecording, name: str, settings: DiffSettings) -> DiffResult:
-    """Compare attachments by content (YAML by value, text by line, others by hash), and linked videos."""
+    """Compare attachments by content (YAML by value, text by line, others by hash), and linked videos.
+
+    `name`: of the files in the result.
+    """
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 
 
@@ -99,7 +105,7 @@ def _decoded(recording: McapRecording) -> Iterator[tuple[int, str, int, str]]:
 
 
 def _gathered(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[RecordedMessages]:
-    """Collect messages into table chunks."""
+    """Collect messages (time, topic, number, hash) in tables of up to `ROWS` rows, and generate these."""
     pending: list[tuple[int, str, int, str]] = []
     for message in messages:
         pending.append(message)

@@ -44,11 +44,18 @@ class Tolerances:
     time_ns: int = 0
 
     def named(self, table: str, column: str) -> Limit | None:
-        """Tolerance given for a column by name; None without one."""
+        """Return the tolerance given for a column by name, or by `table.column`; None without one."""
         return self.columns.get(f"{table}.{column}", self.columns.get(column))
 
     def of(self, table: str, column: str, unit: str = "1", single: bool = False) -> Limit:
-        """Tolerance of a column of floats; `single`: of 4-byte floats."""
+        """Return the tolerance of a column of floats: as stated for it or its unit, else the default.
+
+        Args:
+            table: name of the table.
+            column: name of the column.
+            unit: of the column.
+            single: the column is of 4-byte floats, with their own default relative tolerance.
+        """
         limit = self.named(table, column) or self.units.get(unit)
         if limit is not None:
             return limit
@@ -149,7 +156,7 @@ class DiffResult:
 
     @property
     def same(self) -> bool:
-        """Whether nothing differs."""
+        """Whether rows and declarations have no difference."""
         return self.first is None and not self.schema
 
     def as_dict(self) -> dict[str, object]:
@@ -167,7 +174,7 @@ class DiffResult:
 
 
 def as_dict(found: Sequence[DiffResult]) -> dict[str, object]:
-    """All comparisons as plain values for JSON; `first` is the first difference in the earliest stage."""
+    """Return all comparisons as plain values for JSON; `first` is the first difference in the earliest stage."""
     different = [part for part in found if not part.same]
     return {
         "same": not different,
@@ -182,7 +189,7 @@ def _first(part: DiffResult) -> dict[str, object]:
 
 
 def report_lines(found: Sequence[DiffResult]) -> list[str]:
-    """Format all comparisons, with the part that differs first at the end."""
+    """Return all comparisons as lines of text, with the part that differs first at the end."""
     different = [part for part in found if not part.same]
     lines = [line for part in found for line in comparison_lines(part)]
     if not found:
@@ -194,7 +201,7 @@ def report_lines(found: Sequence[DiffResult]) -> list[str]:
 
 
 def comparison_lines(found: DiffResult) -> list[str]:
-    """Format what two tables or files have in common, and the first and largest differences."""
+    """Return lines on what two tables or files have in common, and on the first and largest differences."""
     if found.same:
         return [f"same       {found.name}{_count(found)}"]
     if found.what == "files":
@@ -235,7 +242,7 @@ def _schema(found: RowDifference) -> str:
 
 
 def difference_words(found: RowDifference) -> str:
-    """Format one difference: position, both values, distance and limit."""
+    """Return one difference as text: position, both values, distance and limit."""
     location = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)
@@ -268,7 +275,7 @@ def _most(found: RowDifference) -> str:
 
 
 def _key(key: Mapping[str, object]) -> str:
-    """Format a key: `time 2023-11-14T22:13:20.000Z, sensor cam1`."""
+    """Return the key of a row as text: `time 2023-11-14T22:13:20.000Z, sensor cam1`; of JSON the path."""
     if "path" in key:
         return str(key["path"])
     return ", ".join(_key_part(name, value) for name, value in key.items()) or "the row"

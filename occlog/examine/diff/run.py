@@ -109,7 +109,10 @@ def _files(folder: Path, settings: DiffSettings) -> set[str]:
 
 
 def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare two files (files of different kinds byte by byte); recordings have several parts."""
+    """Compare two files by their kind; those of different kinds byte by byte.
+
+    `name`: of the files in the results, of which recordings have several.
+    """
     kind, other = kind_of(a), kind_of(b)
     found = _as_tables(a, b, name, settings, kind, other)
     if found is not None:
@@ -130,7 +133,16 @@ def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[D
 def _as_tables(
     a: Path, b: Path, name: str, settings: DiffSettings, *kinds: Content | str, alone: bool = False
 ) -> list[DiffResult] | None:
-    """Compare two files as tables; None if they are not tables."""
+    """Compare two files as tables; None if their `kinds` are not those of tables.
+
+    Args:
+        a: first file.
+        b: second file.
+        name: of the files in the results.
+        settings: tolerances, provenance.
+        kinds: content of each file.
+        alone: the files are not of a folder, so that tolerances of columns they do not have are an error.
+    """
     if not all(kind is Content.TABLE or kind in OTHERS for kind in kinds):
         return None
     from .tables import compare_tables

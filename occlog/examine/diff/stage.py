@@ -64,7 +64,10 @@ def join(a: T, b: T, time_ns: int = 0) -> Join:
 
 
 def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints, Ints]:
-    """Rank of each row's key among all keys of both tables; equal keys have equal ranks."""
+    """Return the rank of each row's key, the columns `names`, among the keys of both tables.
+
+    Equal keys have equal ranks. Arrays (len(a),) and (len(b),).
+    """
     rank = np.zeros(len(a) + len(b), dtype=np.int64)
     for name in names:
         values: NDArray[np.generic] = np.concatenate([getattr(a, name), getattr(b, name)])
@@ -75,14 +78,14 @@ def _ranks(a: ColumnTable, b: ColumnTable, names: tuple[str, ...]) -> tuple[Ints
 
 
 def _numbered(rank_a: Ints, rank_b: Ints) -> tuple[Ints, Ints]:
-    """Ranks that also distinguish equal keys within a table, by order."""
+    """Return ranks (n,) and (m,) of rows that also distinguish equal ranks within a table, by their order."""
     number_a, number_b = _occurrence(rank_a), _occurrence(rank_b)
     most = int(max(number_a.max(initial=0), number_b.max(initial=0))) + 1
     return rank_a * most + number_a, rank_b * most + number_b
 
 
 def _occurrence(rank: Ints) -> Ints:
-    """Number of equal values before each value."""
+    """Return for each value of `rank` (n,) the number of equal ones before it."""
     order = np.argsort(rank, kind="stable")
     ordered = rank[order]
     start = np.flatnonzero(np.concatenate([[True], np.diff(ordered) != 0])) if len(rank) else np.empty(0, np.int64)
@@ -99,7 +102,18 @@ def _others(rows: Ints, n: int) -> Ints:
 
 
 def _nearest(a: ColumnTable, b: ColumnTable, rows_a: Ints, rows_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
-    """Pair rows that are each other's nearest in time within a group of equal keys, closest pairs first."""
+    """Pair rows that are nearest in time to each other, within groups of otherwise equal keys.
+
+    Args:
+        a: first table.
+        b: second table.
+        rows_a: rows of `a` that have no partner yet.
+        rows_b: likewise of `b`.
+        time_ns: largest difference in time [ns].
+
+    Returns:
+        Paired rows of `a` and of `b`, of equal length.
+    """
     t_a, t_b = times(a)[rows_a], times(b)[rows_b]
     rest = tuple(name for name in type(a).KEY if name != "t_ns")
     group_a, group_b = _ranks(a.take(rows_a), b.take(rows_b), rest)
@@ -113,7 +127,10 @@ def _nearest(a: ColumnTable, b: ColumnTable, rows_a: Ints, rows_b: Ints, time_ns
 
 
 def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
-    """Indices of pairs within `time_ns`: mutual nearest neighbours, repeated among the remaining rows."""
+    """Return the indices of pairs of the times `t_a` and `t_b` [ns] that differ by at most `time_ns`.
+
+    Pairs are mutual nearest neighbours, found repeatedly among the times that are left.
+    """
     left_a, left_b = np.argsort(t_a, kind="stable"), np.argsort(t_b, kind="stable")
     pairs_a, pairs_b = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     while len(left_a) and len(left_b):
@@ -131,7 +148,7 @@ def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
 
 
 def _closest(t: Ints, known: Ints) -> Ints:
-    """Index of the nearest of the sorted times `known` for each t (the earlier of two equally near)."""
+    """Return the index of the nearest of the sorted times `known` for each of `t`; the earlier of two equally near."""
     after = np.minimum(np.searchsorted(known, t), len(known) - 1)
     before = np.maximum(after - 1, 0)
     chosen = np.where(np.abs(known[after] - t) < np.abs(t - known[before]), after, before)
@@ -163,6 +180,13 @@ def compare_values(
 
     Labels, truth values and whole numbers must be equal, the latter within the limit if
     the column is named in the tolerances.  NaN equals NaN; an infinity only itself.
+
+    Args:
+        a: values of the first table.
+        b: values of the second table.
+        c: declaration of the column.
+        table: name of the table, by which the column has its tolerance.
+        tolerances: of all columns.
     """
     if c.kind in ("U", "?"):
         nothing = np.full(len(a), np.nan)
@@ -196,7 +220,13 @@ def _fractional(a: Floats, b: Floats, limit: Limit, angle: bool) -> tuple[Bools,
 
 
 def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
-    """Select the entry of each row with the largest difference; entries that differ have priority."""
+    """Return the entry of each row with the largest difference; entries that differ have priority.
+
+    Args:
+        differ: (n,) or (n, k) mask of entries that differ.
+        difference: of each entry, likewise.
+        allowed: limit of each entry, likewise.
+    """
     if differ.ndim == 1:
         return Values(differ, difference, allowed, np.zeros(len(differ), np.int64))
     badness = np.where(differ, np.where(np.isnan(difference), np.inf, difference), -1.0)
@@ -208,7 +238,7 @@ def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
 def _alike(
     c: Column, a: NDArray[np.generic], b: NDArray[np.generic]
 ) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-    """Pad the list columns of two tables to a common length with NaN."""
+    """Return the columns `a` and `b` of two tables; lists of different lengths are padded with NaN."""
     if c.width != ANY_WIDTH or a.shape[1] == b.shape[1]:
         return a, b
     longest = max(a.shape[1], b.shape[1])
@@ -217,7 +247,7 @@ def _alike(
 
 
 def _take_before(side: TableBuffer[T], cut: int) -> T:
-    """Remove and return the rows before a time; at the end, all of them."""
+    """Remove the rows before the time `cut` [ns] from the buffer `side`, in place, and return them."""
     out = side.between(FIRST, cut)
     side.rows = side.rows.take(slice(len(out), None))
     return out
@@ -251,7 +281,14 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
 
 
 def _cut(t_a: Ints, t_b: Ints, until: int, slack_ns: int) -> int:
-    """Latest time up to `until` at which a part may end: after a pause longer than the slack."""
+    """Return the latest time up to `until` before which a part may end: after a pause longer than the slack.
+
+    Args:
+        t_a: times of the buffered rows of the first table [ns].
+        t_b: of the second table.
+        until: time up to which both are known [ns].
+        slack_ns: largest difference in time of a pair [ns].
+    """
     if until == LAST or slack_ns == 0:
         return until
     union = np.union1d(t_a, t_b)
@@ -311,7 +348,7 @@ def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
 
 @dataclass
 class _Tally:
-    """Counts and largest differences over parts."""
+    """Accumulated comparison of two tables: counts of rows, and by column the rows that differ, and the worst one."""
 
     kind: type[ColumnTable]
     tolerances: Tolerances
@@ -327,7 +364,7 @@ class _Tally:
     largest: dict[str, RowDifference] = field(default_factory=dict)
 
     def add(self, a: ColumnTable, b: ColumnTable) -> None:
-        """Compare one part of both tables, later than all parts before it."""
+        """Compare the rows of both tables in one part, which is later than all parts before it."""
         found = join(a, b, self.tolerances.time_ns)
         self.rows_a += len(a)
         self.rows_b += len(b)
@@ -342,7 +379,10 @@ class _Tally:
             self.first = min(firsts, key=lambda item: item[0])[1]
 
     def _alone(self, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
-        """First row that is only in A, and first that is only in B, with their ranks."""
+        """Return the first row that is only in `a` and the first that is only in `b`, as (rank, difference).
+
+        `found`: how the rows are paired.
+        """
         out = []
         for kind, table, rows, rank in (
             ("missing", a, found.only_a, found.rank_a),
@@ -354,7 +394,10 @@ class _Tally:
         return out
 
     def _column(self, c: Column, a: ColumnTable, b: ColumnTable, found: Join) -> list[tuple[int, RowDifference]]:
-        """Count the rows in which a column differs; return its first difference in this part, with its rank."""
+        """Count the paired rows in which column `c` differs; return the first difference of the part with its rank.
+
+        Empty if none differs. `found`: how the rows are paired.
+        """
         values_a, values_b = _alike(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
         if values_a.ndim == 2 and not values_a.shape[1]:
             return []
@@ -399,13 +442,13 @@ class _Tally:
         )
 
     def _unit(self, c: Column) -> str:
-        """Unit of a column for messages; empty without a unit, or with different ones."""
+        """Return the unit of a column for messages; empty without a unit, or with different ones."""
         if c.unit == "1" or (c.unit in LENGTHS and not self.length_unit):
             return ""
         return in_length_unit(c.unit, self.length_unit)
 
     def result(self) -> DiffResult:
-        """Result over all parts."""
+        """Return the comparison over all parts."""
         order = [c.name for c in self.kind.columns() if c.name in self.rows]
         columns = {name: ColumnDifference(self.rows[name], self.largest[name]) for name in order}
         return DiffResult(
@@ -458,6 +501,6 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
 
 
 def _swapped(unit: str | None, lengths: tuple[str, str]) -> str | None:
-    """Replace the first length unit in a unit by the second."""
+    """Return a unit with the first of the two length units replaced by the second: `m^2` becomes `cm^2`."""
     old, new = lengths
     return next((in_length_unit(each, new) for each in LENGTHS if in_length_unit(each, old) == unit), unit)

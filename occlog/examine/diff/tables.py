@@ -47,7 +47,7 @@ def compare_tables(
 
 
 def _check_kinds(a: Path, b: Path, settings: DiffSettings) -> None:
-    """UsageError for tables of two kinds, and for tolerances of missing columns."""
+    """UsageError for tables of two kinds, and for tolerances of columns that they do not have."""
     stated_a, stated_b = describe(a), describe(b)
     if stated_a["schema"] != stated_b["schema"]:
         raise UsageError(
@@ -67,7 +67,15 @@ def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
 
 
 def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alone: bool) -> DiffResult:
-    """Compare two tables, of which one or both are external, by common columns in one length unit."""
+    """Compare two tables, of which one or both are external, by common columns in one length unit.
+
+    Args:
+        a: first table.
+        b: second table.
+        name: of the files in the result.
+        settings: tolerances.
+        alone: tolerances of columns that neither table has are an error.
+    """
     first, second = (b, a) if b.foreign is None else (a, b)
     kind = TABLES[first.table]
     second.require(kind)
@@ -88,7 +96,10 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
 
 
 def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[ColumnTable], name: str) -> list[RowDifference]:
-    """First difference of each column that is in no occlog table, in file order."""
+    """Return the first difference of each column of external tables that occlog's `table` does not have.
+
+    A column that only one of them has is a difference too. `name`: of the files in the result.
+    """
     unused_a, unused_b = ([n for n in f.source.names if n not in f.layout_of(table).names] for f in (a, b))
     both = [n for n in unused_a if n in unused_b]
     out = [RowDifference("schema", name, {}, n, a="column") for n in unused_a if n not in both]
@@ -112,7 +123,7 @@ def _raw_rows(table: ForeignTable, names: Sequence[str]) -> Iterator[tuple[Scala
 
 
 def _plain(value: object) -> Scalar:
-    """Normalise a cell for comparison: a number regardless of its format, or a text."""
+    """Return a cell for comparison: a number regardless of its format, else a text; None is an empty one."""
     try:
         number = float(value) if isinstance(value, int | float | str | Decimal) else math.nan
     except (ValueError, OverflowError):
@@ -129,7 +140,10 @@ def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
 
 
 def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
-    """Compare the declarations, rows and, with `provenance`, the provenance of two occlog tables."""
+    """Compare declarations, rows, verdicts and, if the settings say so, provenance of two occlog tables.
+
+    `name`: of the files in the results. Rows are compared only if the declared columns agree.
+    """
     stated_a, stated_b = describe(a), describe(b)
     schema = diff_schemas(name, stated_a, stated_b)
     if stated_a["schema"] not in TABLES:

@@ -154,7 +154,7 @@ class SensorTimes:
         return 0
 
     def judge(self, findings: Findings) -> None:
-        """Report faults in the times of this sensor."""
+        """Add findings about faults in the times of this sensor."""
         if self._back and not self.sorted:
             findings.add("skipped-stamp" if self.dropped else "order", self.name, self._first_back, count=self._back)
         if self.unique and self._repeats:
@@ -210,7 +210,7 @@ def _is_wide(t_ns: Ints) -> bool:
 
 
 def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
-    """Report faults in the times of every sensor, alone and relative to the others."""
+    """Add findings about the times of each sensor: faults of their own, no overlap with others, lateness."""
     for clock in clocks:
         clock.judge(findings)
     # Whoever has times of another epoch is not late too
@@ -231,7 +231,7 @@ def check_clocks(clocks: Sequence[SensorTimes], findings: Findings) -> None:
 def check_truth_times(
     truth: Iterable[tuple[str, SensorTimes]], sensors: Iterable[SensorTimes], findings: Findings
 ) -> None:
-    """Report each truth that has no time in common with the sensors and cannot be compared."""
+    """Add a finding for each truth that has no time in common with the sensors and cannot be compared."""
     counted = [sensor for sensor in sensors if sensor.count]
     low, high = min((s.low for s in counted), default=0), max((s.high for s in counted), default=0)
     for location, one in truth:
@@ -259,9 +259,9 @@ def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
 
 
 def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
-    """Regular sensors with as many times as others of their rate, all shifted by one delay [ns] (negative: early).
+    """Generate regular sensors with as many times as others of their rate, all shifted, and the shift [ns].
 
-    Of two sensors the later one is reported.
+    Negative: early. Of two sensors the later one is reported.
     """
     regular = [(clock, usual) for clock in clocks if (usual := clock.usual_ns) is not None]
     for clock, usual in regular:
@@ -287,14 +287,14 @@ class Restarts:
     """Checks the order of times of each sensor and identity, in file order."""
 
     def __init__(self, table: ForeignTable) -> None:
-        """Start without rows."""
+        """Create a check of an external table for times that go back, before its first row."""
         self._table = table
         self._last: dict[Hashable, int] = {}
         self._rows = self._back = 0
         self._first = InputError("")
 
     def add(self, cells: TableCells) -> None:
-        """Add rows; InputError for an invalid time."""
+        """Count rows of the table whose time is before the previous one of their sensor; InputError for no time."""
         t_ns = self._table.times_of(cells).tolist()
         for row, (t, owner) in enumerate(zip(t_ns, self._table.owners(cells), strict=True)):
             before = self._last.get(owner)
@@ -307,6 +307,6 @@ class Restarts:
         self._rows += len(t_ns)
 
     def judge(self, findings: Findings) -> None:
-        """Report how often times decrease, unless the file is unsorted."""
+        """Add a finding on how often times decrease, unless the file is unsorted."""
         if 0 < self._back <= MAX_BACKWARD_SHARE * self._rows:
             findings.refused("restart", self._first, count=self._back)

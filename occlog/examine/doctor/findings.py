@@ -38,11 +38,11 @@ class Finding(NamedTuple):
 
     @property
     def severity(self) -> Severity:
-        """Severity of the kind."""
+        """Severity that all findings of this kind have."""
         return DOCTOR[self.kind].severity
 
     def as_dict(self) -> dict[str, Any]:
-        """The finding as JSON-ready values."""
+        """Return the finding as values for JSON; None for what is not stated."""
         kind = DOCTOR[self.kind]
         return {
             "severity": str(kind.severity),
@@ -74,7 +74,7 @@ class Findings:
     """Findings in one file; those that differ in position and numbers only are counted together."""
 
     def __init__(self, file: str) -> None:
-        """Create an empty list of findings."""
+        """Create an empty list of findings in the file of this name."""
         self._file = file
         self._found: dict[tuple[str, str], Finding] = {}
         self._kinds: dict[str, int] = {}
@@ -102,7 +102,14 @@ class Findings:
         self._found[key] = Finding(kind, self._file, location, value, limit, count)
 
     def refused(self, kind: str, error: Exception, *, location: str = "", count: int = 1) -> None:
-        """Add a reader's error at a position; equal errors elsewhere are counted with it."""
+        """Add a finding with the text of a reader's error; equal errors elsewhere are counted with the first.
+
+        Args:
+            kind: of the finding.
+            error: its text may begin with the file and the location, which are taken out.
+            location: where the text states none.
+            count: number of faults.
+        """
         text = str(error).removeprefix(f"{self._file}: ")
         found = _PLACE.match(text)
         if found is not None:
@@ -110,7 +117,7 @@ class Findings:
         self.add(kind, location, text, count=count, alike=_VALUE.sub("#", text))
 
     def join(self, others: Findings) -> None:
-        """Add the findings of another file."""
+        """Add the findings of another file to these, in place."""
         for (kind, alike), finding in others._found.items():
             self._found[kind, f"{finding.file}\0{alike}"] = finding
             self._kinds.setdefault(kind, 0)
@@ -119,12 +126,12 @@ class Findings:
         return iter(self._found.values())
 
     def has(self, *kinds: str) -> bool:
-        """Whether there is a finding of one of the kinds."""
+        """Return whether there is a finding of one of these kinds."""
         return any(kind in self._kinds for kind in kinds)
 
 
 def exit_code(findings: Iterable[Finding]) -> ExitCode:
-    """Exit code of the worst finding."""
+    """Return the exit code of the worst finding; `DONE` without any."""
     return max((EXIT_CODES[finding.severity] for finding in findings), default=ExitCode.DONE)
 
 

@@ -55,7 +55,7 @@ TIMED = (TopicKind.IMAGE, TopicKind.BOX, TopicKind.POSE, TopicKind.DIRECTION)
 
 
 def check_bag(path: Path, findings: Findings) -> None:
-    """Check every message of a bag with a time that would be used; losses are reported by the reader."""
+    """Add findings about a bag: every message with a time that would be used, indexes, and the reader's losses."""
     try:
         with open_bag([path]) as bag:
             topics = bag.topics()
@@ -75,7 +75,7 @@ def check_bag(path: Path, findings: Findings) -> None:
 
 
 def _check_indexes(bag: Bag, findings: Findings) -> None:
-    """Report topics that an index omits, which readers miss."""
+    """Add findings about topics that the index of an undamaged MCAP file omits, so that readers miss them."""
     for file in bag.files:
         if isinstance(file, McapFile) and not file.losses:
             try:
@@ -86,7 +86,11 @@ def _check_indexes(bag: Bag, findings: Findings) -> None:
 
 
 def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str, int, float | None]]:
-    """Topic, time, and delay of recording [s] (None without header stamp) of each message."""
+    """Generate topic, time [ns], and delay of recording [s] of each message of the topics `wanted`.
+
+    The time is that of the header, else of recording; then the delay is None. Messages that cannot be decoded are
+    findings.
+    """
     messages, unread = BagDecoder(bag.topics()), set[str]()
     for message in bag.messages(wanted):
         if message.topic in unread:
@@ -105,7 +109,7 @@ def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str
 
 
 class _Stamps:
-    """Statistics of the times of one topic."""
+    """Accumulated times of one topic, and the range of the delay of recording."""
 
     def __init__(self, topic: str) -> None:
         self.clock = SensorTimes(topic, unique=True, dropped=True)
@@ -138,7 +142,7 @@ MAX_IMAGE_BYTES = 512 * 1024 * 1024
 
 
 def check_video(path: Path, findings: Findings) -> None:
-    """Decode all frames of a video, in a separate process, and check their times."""
+    """Decode all frames of a video in a separate process; add findings about damage and times."""
     try:
         container = read_container(path)
         with start_decoder(
@@ -169,7 +173,7 @@ def _look_at_times(container: Container, findings: Findings) -> None:
 
 
 def check_image_file(path: Path, findings: Findings) -> None:
-    """Check that an image can be decoded."""
+    """Add a finding if an image is too large or cannot be decoded."""
     try:
         size = check_input(path, "an image").stat().st_size
         if size > MAX_IMAGE_BYTES:
@@ -238,7 +242,7 @@ def _in_order(path: Path) -> Iterator[_Message]:
 
 
 def _whole(path: Path, findings: Findings) -> Iterator[_Message]:
-    """Generate the messages of a damaged recording in file order; all damage is reported."""
+    """Generate the intact messages of a damaged recording in file order; add a finding for each damage."""
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
 
@@ -295,7 +299,7 @@ def _look_at_link(recording: McapRecording, camera: str, findings: Findings, see
 
 
 class _RecordingScan:
-    """State of the scan over the messages."""
+    """Scan over the messages of a recording: checks of rows, frames and clocks, and their state."""
 
     def __init__(self, path: Path, findings: Findings) -> None:
         self._path, self._findings = path, findings
@@ -306,7 +310,7 @@ class _RecordingScan:
         self._frozen = FrozenCameras()
 
     def take(self, message: _Message) -> None:
-        """Check a message."""
+        """Check one message, a row of a table or a frame; a fault becomes a finding."""
         table = TABLES.get(message.schema)
         try:
             if table is not None:
@@ -318,7 +322,7 @@ class _RecordingScan:
             self._findings.refused("message", InputError(text), location=f"{message.topic}, message {message.number}")
 
     def finish(self) -> None:
-        """Report the findings about statistics after the last message."""
+        """Add the findings about clocks and frozen cameras after the last message."""
         for table in self._collectors:
             self._sift(table)
         for watch in self._watches.values():

@@ -70,7 +70,10 @@ def check_files(paths: Sequence[Path], each: Callable[[Path], None] = lambda _: 
 
 
 def _files(path: Path, out: Diagnosis) -> Iterator[tuple[Path, bool]]:
-    """Files, and folders that are one bag, with a mark for those that the user named."""
+    """Generate the files to check under `path`, and folders that are one bag; True: the user named it.
+
+    Hidden files are skipped; files after the first `MAX_FILES` become a finding in `out`.
+    """
     if not path.is_dir() or _is_bag(path):
         yield path, True
         return
@@ -97,7 +100,10 @@ def _is_bag(folder: Path) -> bool:
 
 
 def _look_at_one(path: Path, findings: Findings, seen: set[Path]) -> bool:
-    """Check one file; return whether its kind is known."""
+    """Check one file, and add its findings; return whether its kind is known.
+
+    `seen`: paths of videos that need no further check; updated in place.
+    """
     try:
         if is_missing(path):
             raise no_such_file(path)
@@ -146,7 +152,10 @@ def _by_content(path: Path, findings: Findings, seen: set[Path]) -> bool:
 
 
 def _mcap(path: Path, findings: Findings, seen: set[Path]) -> None:
-    """Check an occlog recording, possibly damaged, or a bag."""
+    """Check an MCAP file, and add its findings: an occlog recording, possibly damaged, or a bag.
+
+    `seen`: paths of videos that need no further check; linked ones are added in place.
+    """
     with path.open("rb") as file:
         by_occlog = b"occlog" in file.read(64)[len(RECORDING_MAGIC) :]
     try:

@@ -45,7 +45,7 @@ class TableWatch:
     """Checks across rows: duplicates, and times of sensors."""
 
     def __init__(self, table: type[ColumnTable], findings: Findings) -> None:
-        """Start without rows."""
+        """Create a watch over rows of a type of table, before the first row; findings are added to `findings`."""
         self.table, self.findings = table, findings
         self._clocks: dict[str, SensorTimes] = {}
         self._frozen = FrozenCameras()
@@ -54,7 +54,7 @@ class TableWatch:
 
     @property
     def clocks(self) -> list[SensorTimes]:
-        """Time statistics of each sensor, or of all rows."""
+        """Statistics of the times of each sensor, or of all rows."""
         return list(self._clocks.values())
 
     def note_order(self, t_ns: Ints, first: int) -> None:
@@ -79,7 +79,7 @@ class TableWatch:
         self._settle(whole.take(slice(0, last)) if self._held is not None else whole)
 
     def finish(self) -> None:
-        """Process buffered rows, and report the findings."""
+        """Check the rows that are still buffered, and add the findings about clocks and frozen cameras."""
         if self._held is not None:
             self._settle(self._held)
         check_clocks(self.clocks, self.findings)
@@ -114,7 +114,7 @@ class TableWatch:
 
 
 def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
-    """Report cameras that repeat one frame while others continue."""
+    """Add a finding for each camera that repeats one frame while others continue."""
     for run in cameras.found():
         value = f"{run.frames} identical frames, {(run.last_ns - run.first_ns) / NS:.3g} s"
         findings.add("frozen-camera", f"sensor {run.camera}, from {utc(run.first_ns)}", value)
@@ -123,13 +123,13 @@ def note_frozen(cameras: FrozenCameras, findings: Findings) -> None:
 def bisect_bad_rows(
     rows: int, make: Callable[[int, int], M], good: list[M], checks: int = MAX_CHECKS
 ) -> Iterator[tuple[int, InputError]]:
-    """Generate the invalid rows, found by bisection, with the reasons.
+    """Generate the number of each invalid row, found by bisection, with its error.
 
     Args:
         rows: number of rows.
-        make: what the rows start <= row < stop are; InputError if one of them cannot be.
-        good: what the others are, part by part, is added to it.
-        checks: calls of `make`; a section that is left after these counts as one bad row, its first.
+        make: makes the rows start <= row < stop; InputError if one of them is invalid.
+        good: its results for the other rows, part by part, are added to this list.
+        checks: largest number of calls of `make`; a section that is left after these counts as one bad row, its first.
     """
     if rows:
         yield from _bad(0, rows, make, good, [checks])
@@ -138,7 +138,15 @@ def bisect_bad_rows(
 def _bad(
     start: int, stop: int, make: Callable[[int, int], M], good: list[M], left: list[int]
 ) -> Iterator[tuple[int, InputError]]:
-    """Bisect a section of rows for `bisect_bad_rows`; `left` is the number of calls left."""
+    """Generate the bad rows of start to stop with their errors, by bisection; add good parts to `good`, in place.
+
+    Args:
+        start: first row.
+        stop: row after the last.
+        make: makes rows from start to stop; InputError if one is bad.
+        good: its results for sections without bad rows.
+        left: number of calls left, as a list of one, counted down in place.
+    """
     left[0] -= 1
     try:
         good.append(make(start, stop))
@@ -184,7 +192,7 @@ def _times(table: ColumnTable) -> Ints:
 
 
 def check_table(path: Path, findings: Findings) -> None:
-    """Check an occlog Parquet table: header, row groups, rows, and times of its sensors."""
+    """Add findings about an occlog Parquet table: header, row groups, rows, and times of its sensors."""
     try:
         header = read_header(path)
         note_losses(header.provenance.losses, findings)
@@ -229,7 +237,7 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
 
 
 def check_others(source: ColumnSource, findings: Findings) -> bool:
-    """Check an external table; return whether its kind is known."""
+    """Add findings about an external table; return whether its kind is known."""
     try:
         foreign = ForeignTable(source, best_fit(source))
     except InputError as error:
@@ -240,7 +248,7 @@ def check_others(source: ColumnSource, findings: Findings) -> bool:
 
 
 def check_external(foreign: ForeignTable, findings: Findings) -> None:
-    """Check an external table row by row, in any order."""
+    """Add findings about an external table, row by row, in any order."""
     watch = TableWatch(foreign.layout.table, findings)
     restarts = Restarts(foreign)
     with report_bad_lines_to(partial(findings.refused, "row")):
@@ -260,7 +268,7 @@ def _maker(foreign: ForeignTable, cells: TableCells) -> Callable[[int, int], Col
 
 
 def note_losses(losses: Iterable[Loss], findings: Findings) -> None:
-    """Report losses recorded when the file was made."""
+    """Add a finding for each loss recorded when the file was made."""
     for loss in losses:
         lost = f" ({loss.count} lost)" if loss.count else ""
         findings.add("losses", f"{loss.source}, {loss.place}", loss.what + lost)

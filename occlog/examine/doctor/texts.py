@@ -35,7 +35,7 @@ MAX_ROWS = 8_000_000
 
 
 def check_boxes(source: BoxSource, findings: Findings) -> None:
-    """Check every row of a box file, for duplicates, and the frame times."""
+    """Add findings about a box file: invalid rows, duplicates, and the frame times."""
     copies, cameras = _Copies(), list[str]()
     stamps: dict[str, dict[int, int]] = {}
     with report_bad_lines_to(partial(findings.refused, "row")):
@@ -70,7 +70,10 @@ def _check(
 
 
 def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
-    """Time statistics of a camera's frames, by frame number; frames without rows have no detection."""
+    """Return the statistics of the times of a camera's frames.
+
+    `stamps`: time [ns] by frame number; frames without rows have no detection.
+    """
     frames = np.array(sorted(stamps), dtype=np.int64)
     clock = SensorTimes(f"camera {camera}" if camera else "times", unique=True, sporadic=True)
     clock.add(np.array([stamps[frame] for frame in frames.tolist()], dtype=np.int64), frames)
@@ -78,7 +81,7 @@ def _clock(camera: str, stamps: dict[int, int]) -> SensorTimes:
 
 
 class _Copies:
-    """Detects duplicate rows anywhere in the file."""
+    """Fingerprints of the rows of a file (up to `MAX_ROWS`), by which duplicates anywhere in it are found."""
 
     def __init__(self) -> None:
         self._marks: list[Uints] = []
@@ -86,14 +89,14 @@ class _Copies:
         self._rows = 0
 
     def add(self, lines: Ints, boxes: FileBoxRows) -> None:
-        """Add rows with their line numbers."""
+        """Add rows, with their line numbers (n,)."""
         if self._rows < MAX_ROWS:
             self._marks.append(fingerprints(boxes))
             self._lines.append(lines)
             self._rows += len(lines)
 
     def judge(self, findings: Findings) -> None:
-        """Report the duplicates."""
+        """Add a finding with the number of duplicate rows, and the lines of the first."""
         if not self._rows:
             return
         marks, lines = np.concatenate(self._marks), np.concatenate(self._lines)
@@ -114,7 +117,7 @@ TEXTS = (".csv", ".tsv", ".txt", ".gz", ".tum", ".trc", ".geojson", "")
 
 
 def check_text_file(path: Path, findings: Findings) -> bool:
-    """Check a text file; return whether its kind is known."""
+    """Add findings about a text file, by its ending and content; return whether its kind is known."""
     kind = path.suffix.lower()
     if kind in (".yaml", ".yml"):
         return _yaml(path, findings)
@@ -146,7 +149,7 @@ def _yaml(path: Path, findings: Findings) -> bool:
 
 
 def _calibration(path: Path, findings: Findings) -> bool:
-    """Check a calibration; return whether a file is one of a known format."""
+    """Add findings about a calibration; return whether the file is one of a known format."""
     try:
         # Some formats require the size of the images: any will do for a check
         calibration = read_calibration([path], options=CalibrationOptions(image_size=ANY_SIZE))
@@ -162,7 +165,7 @@ def _calibration(path: Path, findings: Findings) -> bool:
 
 
 def _structured(path: Path, kind: str, findings: Findings) -> bool:
-    """Check XML and TOML: well-formed, and a calibration; return whether the kind is known."""
+    """Add findings about XML or TOML (`kind`: its ending): well-formed, and a calibration; return whether known."""
     try:
         text = read_configuration(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
         parse_xml(text, path) if kind == ".xml" else toml_values(text, path, "TOML")
@@ -190,7 +193,7 @@ def _json(path: Path, findings: Findings) -> bool:
 
 
 def _table(path: Path, findings: Findings) -> bool:
-    """Check a text table: external table, boxes, stations, time stamps, or calibration; return whether known."""
+    """Add findings about a text table: external table, boxes, stations, times or calibration; return whether known."""
     fault: InputError | None = None
     if looks_like_times(path):
         _times(path, findings)
@@ -227,7 +230,7 @@ def _is_scene(path: Path) -> bool:
 
 
 def _times(path: Path, findings: Findings) -> None:
-    """Check a table of time stamps."""
+    """Add findings about a table of time stamps."""
     clocks: dict[str, SensorTimes] = {}
     try:
         with report_bad_lines_to(partial(findings.refused, "row")):

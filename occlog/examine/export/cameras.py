@@ -26,8 +26,8 @@ def run_export_cameras(
         input: scene file, recording with a scene, or table of stations.
         output: file or folder.
         format: a key of `FORMATS` for cameras.
-        overwrite: outputs that exist are replaced.
-        quiet: nothing on standard error of what the format does not hold.
+        overwrite: replace outputs that exist.
+        quiet: no notes about what the format does not hold.
 
     Raises:
         NoSceneError: the input has no scene.

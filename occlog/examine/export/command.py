@@ -155,7 +155,7 @@ def command(
 
 
 def _refuse(named: Mapping[str, object], why: str) -> None:
-    """UsageError for the first given option of those named."""
+    """UsageError for the first option in `named` (option: value) that is given; `why`: end of the message."""
     for option, value in named.items():
         if value not in (None, ()):
             raise UsageError(f"{option}: {why}")

@@ -58,6 +58,6 @@ FORMATS: dict[str, ExportFormat] = {
 
 
 def format_of(name: str) -> str | None:
-    """Format implied by a file name; None if it implies none."""
+    """Return the format that the ending of a file name implies; None if it implies none."""
     low = name.lower()
     return next((key for key, entry in FORMATS.items() if low.endswith(entry.endings) and entry.endings), None)

@@ -19,10 +19,9 @@ CATEGORY, NAME = 1, "person"
 
 
 def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
-    """Boxes of a table: bounding boxes of ellipses; clusters keep their numbers.
+    """Return the boxes of a table of boxes, clusters or tracks in images.
 
-    Args:
-        table: boxes, clusters or tracks in images.
+    Ellipses give their bounding boxes; clusters keep their numbers as identities.
     """
     if isinstance(table, Boxes):
         return table.take(table.box >= 0)
@@ -57,7 +56,7 @@ class Cameras(NamedTuple):
 
 
 class ImageFrame(NamedTuple):
-    """Number and time of a frame."""
+    """Number of a frame in its video, and its time [ns]."""
 
     number: int
     t_ns: int
@@ -85,9 +84,9 @@ def survey(pieces: Iterable[Boxes | Views | ViewTracks]) -> Cameras:
 
 
 def chosen_camera(cameras: list[str], camera: str | None) -> str | None:
-    """Camera to export; None without boxes.
+    """Return the camera to export, of the `cameras` with boxes; None without boxes.
 
-    UsageError if several have boxes and none is named, InputError if missing.
+    `camera`: the named one; None: none. UsageError if several have boxes and none is named, InputError if missing.
     """
     if camera is None and len(cameras) > 1:
         raise UsageError(
@@ -131,7 +130,7 @@ def sequence_info(found: Cameras, camera: str | None, folder: str, scene: Scene 
 
 
 def kitti_text(boxes: Boxes) -> str:
-    """Lines of KITTI tracks: frame, identity, type, and image values; positions in space are unknown."""
+    """Return lines of KITTI tracks: frame, identity, type, and image values; positions in space are unknown."""
     unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
     rows = zip(
         boxes.frame.tolist(),
@@ -195,12 +194,15 @@ def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> It
 
 
 def _images(boxes: Boxes, count: int) -> tuple[list[tuple[str, int, int]], dict[tuple[str, int], int]]:
-    """Camera, frame and time of each image in a part, and its number (starting after `count`)."""
+    """Return camera, frame and time [ns] of each image in a part, and its number by (camera, frame).
+
+    Numbers follow those of the `count` images before.
+    """
     keys = list(dict.fromkeys(zip(boxes.sensor.tolist(), boxes.frame.tolist(), boxes.t_ns.tolist(), strict=True)))
     return keys, {(sensor, frame): count + n + 1 for n, (sensor, frame, _) in enumerate(keys)}
 
 
 def _joined(mark: str, values: list[dict[str, object]]) -> Iterator[str]:
-    """JSON list items, preceded by a separator if there are items before; empty without items."""
+    """Generate JSON items of a list without its brackets, after the separator `mark`; nothing without values."""
     if values:
         yield mark + json.dumps(values)[1:-1]

@@ -129,7 +129,7 @@ class UnrepresentableColumns:
                 self._known[c.name] = None
 
     def words(self) -> tuple[str, ...]:
-        """Descriptions of what is not held."""
+        """Return descriptions of what the format cannot represent, one each."""
         out = []
         if self._name in UNITLESS and self._unit != "m":
             out.append(f"that lengths are in {self._unit}")
@@ -151,7 +151,7 @@ class UnrepresentableColumns:
 
 
 def _says_something(values: NDArray[np.generic]) -> bool:
-    """Whether a column has a value: a known number, an identity, or a text."""
+    """Whether a column has any value: a known number, an identity, or a text."""
     if values.dtype.kind == "f":
         return bool(np.isfinite(values).any())
     if values.dtype.kind in "US":
@@ -163,7 +163,7 @@ class ExportedFrames:
     """Detects frames without boxes, which formats of boxes cannot hold."""
 
     def __init__(self) -> None:
-        """Create an empty list of frames."""
+        """Create a check for frames without boxes, before the first frame."""
         self._ends: dict[str, tuple[int, int]] = {}
         self._boxed: dict[str, tuple[int, int]] = {}
         self._rows: Counter[str] = Counter()
@@ -178,7 +178,7 @@ class ExportedFrames:
             self._rows[name] += len(np.unique(frames))
 
     def words(self) -> tuple[str, ...]:
-        """Descriptions of frames without boxes before the first and after the last box, and of missing frames.
+        """Return descriptions of frames without boxes before the first and after the last box, and of missing frames.
 
         A frame between two others that is not in the text is read as one without a detection.
         """

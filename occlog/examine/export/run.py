@@ -46,40 +46,40 @@ from .trajectories import (
 
 
 class Sink:
-    """Write-only view of a file, for plug-ins."""
+    """Write-only view of a file for exporter plug-ins: they can neither close, seek nor read it."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        """Wrap a file."""
+        """Wrap an open binary file, which its owner closes."""
         self._file = file
 
     def write(self, data: bytes) -> int:
-        """Write bytes; TypeError for anything else."""
+        """Write bytes to the file and return their number; TypeError for anything but bytes."""
         if not isinstance(data, bytes | bytearray | memoryview):
             raise TypeError(f"bytes are written, not {type(data).__name__}; encode the text")
         return self._file.write(data)
 
     def writable(self) -> bool:
-        """True: required by wrappers."""
+        """Return True, as wrappers such as `io.TextIOWrapper` require."""
         return True
 
     def readable(self) -> bool:
-        """False: not readable."""
+        """Return False: the file cannot be read."""
         return False
 
     def seekable(self) -> bool:
-        """False: not seekable."""
+        """Return False: the position in the file cannot be changed."""
         return False
 
     @property
     def closed(self) -> bool:
-        """False: never closed; required by wrappers."""
+        """False, as wrappers such as `io.TextIOWrapper` require; the owner closes the file."""
         return False
 
     def flush(self) -> None:
-        """No operation: the owner flushes the file."""
+        """Do nothing: the owner flushes the file."""
 
     def close(self) -> None:
-        """No operation: the owner closes the file."""
+        """Do nothing: the owner closes the file."""
 
 
 def format_of_plugin(exporter: Chosen) -> ExportFormat:
@@ -94,7 +94,16 @@ def format_of_plugin(exporter: Chosen) -> ExportFormat:
 
 
 def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: str | None) -> ColumnTable:
-    """Rows of some targets and of one camera; UsageError if the table has no such column."""
+    """Return the rows of some targets and of one camera.
+
+    Args:
+        rows: of a table.
+        name: of the format, for messages.
+        targets: identities; empty: all.
+        camera: name; None: all.
+
+    UsageError if the table has no such column.
+    """
     for option, column, given in (("target", "target_id", tuple(targets)), ("camera", "sensor", camera)):
         if not given:
             continue
@@ -107,7 +116,10 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
 
 
 def write_by_plugin(exporter: Chosen, rows: ColumnTable, world: ExportContext, file: IO[bytes]) -> None:
-    """Write rows by a plug-in; PluginError if it fails."""
+    """Write rows to an open file by an exporter plug-in; PluginError if it fails.
+
+    `world`: scene and unit of the rows.
+    """
     own: Exporter = exporter.make(world.length_unit)
     with plugin_errors(exporter.plugin):
         own.write(rows, world, Sink(file))  # type: ignore[arg-type]
@@ -207,13 +219,19 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
 
 
 def _info_path(output: Path) -> Path | None:
-    """Path of `seqinfo.ini`, next to the folder `gt` or `det` of a MOTChallenge sequence; None elsewhere."""
+    """Return the path of `seqinfo.ini`, next to the folder `gt` or `det` of a MOTChallenge sequence; None elsewhere."""
     folder = output.resolve().parent
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 
 
 def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> None:
-    """UsageError for options that the format does not use."""
+    """UsageError for options that the format does not use, or an origin that it lacks.
+
+    Args:
+        request: the request.
+        name: of the format.
+        form: its declaration.
+    """
     if request.exporter is None:
         if request.targets and form.tables != FORMATS["tum"].tables:
             raise UsageError(f"target: format {name} writes all rows; leave it out", id="not-applicable")
@@ -227,7 +245,16 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
 
 
 def _table(opened: Opened, form: ExportFormat, name: str, wanted: str | None) -> type[ColumnTable]:
-    """Table to export; InputError if the input has none that the format accepts."""
+    """Return the table to export: the wanted one, or the first in the input that the format accepts.
+
+    Args:
+        opened: the input.
+        form: format.
+        name: of the format, for messages.
+        wanted: name of the table; None: any.
+
+    UsageError if the format does not accept it; InputError if the input has none.
+    """
     takes = list(form.tables) or list(TABLES)
     if wanted is not None and wanted not in takes:
         raise UsageError(f"table: format {name} takes {', '.join(takes)}, not {wanted}", id="not-applicable")
@@ -251,6 +278,14 @@ def _write_text(
     """Write rows in a text format; return their number, cameras of an image table (else None), and what was left out.
 
     The rows are read twice: first for the header and for checks of the whole.
+
+    Args:
+        name: of the format.
+        opened: the input.
+        table: its table.
+        request: targets, camera, origin, output.
+        file: open binary file.
+        world: length unit and scene (None: unknown).
     """
     missed = UnrepresentableColumns(name, table, world[0], request.targets, request.camera)
     if issubclass(table, Tracks | Truth):
@@ -269,7 +304,17 @@ def _write_places(
     unit: str,
     missed: UnrepresentableColumns,
 ) -> int:
-    """Write positions of targets, in parts; return the number of rows."""
+    """Write positions of targets to an open file, in parts; return the number of rows.
+
+    Args:
+        name: of the format: tum, mot3d, trc or geojson.
+        opened: the input.
+        table: its table.
+        request: targets and origin.
+        file: binary file.
+        unit: of lengths.
+        missed: updated with what the format cannot represent.
+    """
     targets = check_targets(missed.watched(_rows(opened, table)), request.targets)
     if name == "tum":
         check_one_target(targets)
@@ -304,7 +349,19 @@ def _write_boxes(
     scene: Scene | None,
     missed: UnrepresentableColumns,
 ) -> tuple[int, Cameras]:
-    """Write boxes, in parts if each line of the format is a box; return their number, and the content of the table."""
+    """Write boxes to an open file; return their number, and the cameras of the table.
+
+    In parts where each line of the format is a box, or rows are sorted; else all are read at once.
+
+    Args:
+        name: of the format: mot, kitti or coco.
+        opened: the input.
+        table: its table; ellipses are written as boxes.
+        request: camera and output.
+        file: binary file.
+        scene: image sizes; None: unknown.
+        missed: updated with what the format cannot represent.
+    """
     found = survey(missed.watched(whole_times(_rows(opened, table))))
     camera = request.camera
     if name != "coco" or camera is not None:
@@ -338,7 +395,10 @@ def _write_boxes(
 
 @contextmanager
 def _output(path: Path, overwrite: bool, together: OutputGroup) -> Iterator[IO[bytes]]:
-    """Open the output (atomic; compressed if its name says so), or standard output."""
+    """Context manager: yield the output as an open file, or standard output.
+
+    The file is written atomically with the others of `together`, and compressed if its name ends in .gz.
+    """
     if path == STANDARD:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()

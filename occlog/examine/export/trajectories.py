@@ -66,7 +66,7 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
 
 
 def _used(table: Tracks | Truth) -> Bools:
-    """(N,) mask of rows of targets: in a truth, those with the role of a target."""
+    """Return the mask (N,) of rows of targets: in a truth, those with the role of a target; else all."""
     return table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
 
 
@@ -90,9 +90,9 @@ def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositi
 
 
 def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
-    """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`, a text for each part; frames are the distinct times, from 1.
+    """Generate a text of lines `frame,id,-1,-1,-1,-1,confidence,x,y,z` for each part.
 
-    A time is in one part only.
+    Frames are the distinct times, from 1; a time is in one part only.
     """
     first = 1
     for positions in pieces:
@@ -109,14 +109,14 @@ def mot3d_text(pieces: Iterable[ExportedPositions]) -> Iterator[str]:
 
 
 def check_one_target(names: list[int]) -> None:
-    """UsageError for several targets, since TUM text holds one."""
+    """UsageError if the target identities `names` are several, since TUM text holds one."""
     if len(names) > 1:
         few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
         raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)", id="ambiguous-input")
 
 
 def tum_text(positions: ExportedPositions) -> str:
-    """Lines `t x y z qx qy qz qw` of one target [s]; orientation is the direction of motion, or +x if unknown."""
+    """Return lines `t x y z qx qy qz qw` of one target [s]; orientation is the direction of motion, +x if unknown."""
     heading = np.arctan2(positions.velocity[:, 1], positions.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(
@@ -126,7 +126,7 @@ def tum_text(positions: ExportedPositions) -> str:
 
 
 def _seconds(t_ns: int) -> str:
-    """Format a time as exact seconds, also before the epoch."""
+    """Return a time [ns] as exact seconds, also before the epoch."""
     whole, rest = divmod(abs(t_ns), NS)
     return f"{'-' if t_ns < 0 else ''}{whole}.{rest:09d}"
 
@@ -173,7 +173,10 @@ def geojson_texts(
 
 
 def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
-    """Sorted identities in groups of at most `most` rows, or of one identity."""
+    """Generate the sorted identities in groups of at most `most` rows, or of one identity.
+
+    `counts`: number of rows of each.
+    """
     group: list[int] = []
     rows = 0
     for name in sorted(counts):
@@ -187,7 +190,7 @@ def _groups(counts: Mapping[int, int], most: int) -> Iterator[list[int]]:
 
 
 def _of_targets(pieces: Callable[[], Iterable[ExportedPositions]], names: Sequence[int]) -> ExportedPositions:
-    """Concatenate the positions of some targets."""
+    """Return the positions of the targets `names`, concatenated over all pieces."""
     found = [
         ExportedPositions._make(column[np.isin(positions.identity, names)] for column in positions)
         for positions in pieces()
@@ -214,7 +217,14 @@ def _feature(name: int, positions: ExportedPositions, rows: Ints, origin: Origin
 def _long_feature(
     pieces: Callable[[], Iterable[ExportedPositions]], name: int, origin: Origin, length_unit: str
 ) -> Iterator[str]:
-    """A line with more vertices than fit in memory, in parts: vertices, then times."""
+    """Generate the GeoJSON text of a line with more vertices than fit in memory: vertices, then times.
+
+    Args:
+        pieces: generates the positions of all targets, once for each of the two.
+        name: identity of the target.
+        origin: position of the scene's origin on earth.
+        length_unit: of the positions.
+    """
     head = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}
     yield json.dumps(head)[:-3]
     for part in (0, 1):
@@ -291,7 +301,7 @@ CELL = '"'
 
 
 def shown_name(column: Column, length_unit: str) -> str:
-    """The name of a column with its unit."""
+    """Return the name of a column with its unit, as in the head of a file."""
     if column.unit == "rad":
         return f"{column.name}_rad"
     return column.name + ending(column, length_unit) if column.unit in POWERS else column.name
@@ -300,7 +310,14 @@ def shown_name(column: Column, length_unit: str) -> str:
 def write_csv(
     rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str
 ) -> tuple[int, tuple[str, ...]]:
-    """Write CSV; return the number of rows, and the list columns that were skipped."""
+    """Write rows as CSV; return their number, and the names of the list columns, which are left out.
+
+    Args:
+        rows: chunks of the table.
+        table: its type.
+        file: open binary file.
+        length_unit: of lengths, stated in the names of the columns.
+    """
     kept = [c for c in table.columns() if not c.width]
     file.write((",".join(shown_name(c, length_unit) for c in kept) + "\n").encode())
     count = 0
@@ -312,7 +329,7 @@ def write_csv(
 
 
 def _cells(part: ColumnTable, column: Column) -> Sequence[str]:
-    """Values of a column as text; unknown values are empty."""
+    """Return the values of a column as texts; unknown values are empty."""
     values = getattr(part, column.name)
     if column.kind == "U":
         return [_quoted(no_formula(text)) for text in values.tolist()]
@@ -330,7 +347,14 @@ def _quoted(text: str) -> str:
 
 
 def write_parquet(rows: Iterable[ColumnTable], table: type[ColumnTable], file: IO[bytes], length_unit: str) -> int:
-    """Write Parquet without occlog's metadata, with null for unknown values; return the number of rows."""
+    """Write Parquet without occlog's metadata, with null for unknown values; return the number of rows.
+
+    Args:
+        rows: chunks of the table.
+        table: its type.
+        file: open binary file.
+        length_unit: of lengths, stated in the names of the columns.
+    """
     schema = pa.schema([pa.field(shown_name(c, length_unit), _kind(c)) for c in table.columns()])
     count = 0
     with pq.ParquetWriter(file, schema, compression="zstd") as writer:

@@ -79,12 +79,12 @@ class ViewerInputs:
 
     @property
     def metres(self) -> float:
-        """Metres per length unit; 1 if unknown."""
+        """Metres per length unit; 1 for an unknown unit."""
         return METRES.get(self.unit, 1.0)
 
     @property
     def opened(self) -> list[Opened]:
-        """All files that are read, without duplicates."""
+        """Inputs that hold tables, each once."""
         return list({opened.path: opened for opened in self.tables.values()}.values())
 
     def has(self, table: type[ColumnTable]) -> bool:
@@ -99,7 +99,7 @@ class ViewerInputs:
             yield from chunks_of_equal_time(rows)
 
     def targets(self) -> set[int]:
-        """All tracked identities."""
+        """Return the identities of all tracks, on the ground and in images."""
         kinds: tuple[type[Tracks] | type[ViewTracks], ...] = (Tracks, ViewTracks)
         found = (rows for kind in kinds if self.has(kind) for rows in self.tables[kind.NAME].rows(kind, at_once=ROWS))
         return {target for rows in found for target in np.unique(rows.target_id).tolist()}
@@ -156,7 +156,7 @@ def find_inputs(path: Path, recording: Path | None, scene: Path | None) -> Viewe
 
 
 def viewer_format_of(path: Path) -> str | None:
-    """Format of a file made for viewers; None for others."""
+    """Return the name of the format of a file made for viewers; None for others."""
     opened = open_if_ours(path)
     if opened is None or opened.recording is None or opened.provenance.command != "export":
         return None
@@ -164,7 +164,7 @@ def viewer_format_of(path: Path) -> str | None:
 
 
 def _unit(opened: list[Opened], scene: Scene | None) -> str:
-    """Length unit; InputError if a table has another one."""
+    """Return the length unit of the scene, or of the tables without one; InputError if a table has another."""
     from occlog.io.open import check_unit, common_unit
 
     tables = [each for each in opened if each.recording is None]
@@ -176,7 +176,7 @@ def _unit(opened: list[Opened], scene: Scene | None) -> str:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Tables and recording of a run folder; InputError if missing."""
+    """Return tables and recording of a run folder; InputError if it has none."""
     names = [RECORDING, *(f"{table.NAME}.parquet" for table in SHOWN)]
     files = [folder / name for name in names if (folder / name).is_file()]
     if not files:

@@ -62,7 +62,7 @@ def _split(first: Node, second: Node, direction: str, share: float) -> dict[str,
 
 
 def _tiled(panels: Sequence[Node], direction: str) -> Node:
-    """Arrange panels: in a row, or from four on alternately side by side and below each other."""
+    """Return panels arranged in a `direction` (`row`, `column`), from four on alternating with the other one."""
     if len(panels) == 1:
         return panels[0]
     if len(panels) == 2:
@@ -125,7 +125,10 @@ def _image(camera: str, topics: Mapping[str, str]) -> dict[str, object]:
 
 
 def _plots(topics: Mapping[str, str]) -> list[list[str]]:
-    """Message paths of up to two plots."""
+    """Return the message paths of up to two plots, each with up to `MAX_LINES` lines.
+
+    `topics`: names, with the message type of each.
+    """
     found = []
     for source, names in PLOTS:
         targets = [topic for topic in topics if topic.startswith(f"/{source}/")]

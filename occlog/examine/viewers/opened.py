@@ -88,7 +88,16 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
 
 
 def _start(program: str, viewer: str, file: Path, *, started: bool) -> str:
-    """Show a file until the viewer is closed; return the command."""
+    """Run the viewer on a file until it is closed; return the command line.
+
+    Args:
+        program: its executable.
+        viewer: its name, by which it has options.
+        file: to show.
+        started: false: run nothing.
+
+    OutputError if it cannot be started, or fails.
+    """
     line = [program, *(RERUN_OPTIONS if viewer == RERUN else ()), str(file.resolve())]
     if started:
         try:

@@ -96,7 +96,10 @@ class ViewerTask:
 
 
 def run_viewers(request: ViewerTask, *, quiet: bool = False) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Write the file; return the summary and the losses."""
+    """Write the file for a viewer, and its layout; return summary and losses.
+
+    `quiet`: without notes and progress. InputError if there is nothing to show.
+    """
     files = (request.input, request.recording, request.scene)
     check_outputs(files, (request.output, request.layout), request.overwrite)
     inputs = find_inputs(request.input, request.recording, request.scene)
@@ -143,7 +146,7 @@ def _provenance(inputs: ViewerInputs, request: ViewerTask, losses: tuple[Loss, .
 
 
 def _begun(items: Iterator[StreamItem], sink: _Sink, inputs: ViewerInputs) -> Iterator[StreamItem]:
-    """Generate the time steps; static content is written before the first one, at its time."""
+    """Generate the items of the stream; before the first one, static content is written to `sink` at its time."""
     for n, item in enumerate(items):
         if not n:
             sink.begin(item.frame.t_ns if isinstance(item, ImageOverlay) else item.t_ns, inputs)
@@ -166,7 +169,7 @@ class _Sink:
         self.frames = 0
 
     def begin(self, t_ns: int, inputs: ViewerInputs) -> None:
-        """Write static content and earlier losses."""
+        """Write static content (poses, floor plan, shadows) and earlier losses at the time `t_ns` [ns]."""
         for loss in _previous_losses(inputs):
             self.write(LogLine(t_ns, True, "lost earlier", str(loss)))
         if inputs.scene is None:
@@ -200,7 +203,7 @@ class _Sink:
             self._message("/log", Log, item.t_ns, message.SerializeToString(deterministic=True))
 
     def _second(self, topic: str) -> str:
-        """Topic of Rerun's point cloud.
+        """Return the topic of Rerun's point cloud for the same layer as `topic`.
 
         If lines are written as well, it is the same name without the leading slash: Rerun treats both as one.
         """
@@ -239,7 +242,14 @@ class _Sink:
             self._layer(f"/camera/{frame.sensor}/image/{layer}", frame, things, camera)
 
     def _layer(self, topic: str, frame: Frame, things: list[DrawingGroup], camera: Camera | None) -> None:
-        """Write the shapes of one layer over a frame; an empty message if it had shapes before."""
+        """Write the shapes of one layer over a frame; without shapes an empty message, which clears the layer.
+
+        Args:
+            topic: of the layer.
+            frame: the image.
+            things: its shapes.
+            camera: for points in space; None, or without a pose: they are not written.
+        """
         if self._lines:
             self._message(topic, ImageAnnotations, frame.t_ns, image_annotations(things, frame.t_ns))
         if self._points and camera is not None and camera.placed:

@@ -40,7 +40,7 @@ class Series:
 
     @property
     def schema(self) -> str:
-        """Full name of the message."""
+        """Full name of the Protobuf message: `occlog.NAME`."""
         return f"occlog.{self.name}"
 
     @cached_property
@@ -66,7 +66,7 @@ class Series:
         return data
 
     def message(self, values: Sequence[float]) -> bytes:
-        """Encode one message; unknown values are NaN."""
+        """Return the values, in the order of `fields`, as an encoded message; unknown ones are NaN."""
         message = self._class(**dict(zip(self.fields, values, strict=True)))
         data: bytes = message.SerializeToString(deterministic=True)
         return data

@@ -65,7 +65,7 @@ SHADOWS_NS = NS // 5
 
 
 class SceneDrawing(NamedTuple):
-    """Shapes in space on a topic."""
+    """Shapes in space that are shown on a topic from the time `t_ns` on."""
 
     topic: str
     t_ns: int
@@ -80,7 +80,7 @@ class ImageOverlay(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """Values of a series on a topic."""
+    """Values of a series at the time `t_ns`, on a topic."""
 
     topic: str
     t_ns: int
@@ -89,7 +89,7 @@ class Numbers(NamedTuple):
 
 
 class LogLine(NamedTuple):
-    """A log message."""
+    """Message for the viewer's log at the time `t_ns`; `warns`: as a warning."""
 
     t_ns: int
     warns: bool
@@ -118,7 +118,7 @@ class ViewerStream:
         self._next_shadows = -(1 << 62)
 
     def items(self) -> Iterator[StreamItem]:
-        """Generate all items sorted by time."""
+        """Generate the items of all inputs, sorted by time."""
         sources: list[Iterator[tuple[int, int, Callable[[], Iterator[StreamItem]]]]] = []
 
         def add(order: int, rows: Iterator[object], show: Callable[..., Iterator[StreamItem]]) -> None:
@@ -148,7 +148,7 @@ class ViewerStream:
                 yield item
 
     def _note(self, item: SceneDrawing) -> None:
-        """Record the validity of a drawing: 2.5 times the interval since the previous one, at least 1 s."""
+        """Record how long a drawing is valid: 2.5 times the interval since the previous one, at least 1 s."""
         before = self._stands.get(item.topic)
         elapsed = 0 if before is None else item.t_ns - before[0]
         self._stands[item.topic] = (item.t_ns, item.t_ns + max(STALE_NS, 5 * elapsed // 2))
@@ -263,14 +263,27 @@ class ViewerStream:
 def _timed(
     order: int, rows: Iterator[object], show: Callable[..., Iterator[StreamItem]]
 ) -> Iterator[tuple[int, int, Callable[[], Iterator[StreamItem]]]]:
-    """Parts of a source with time and rank among others of the same time."""
+    """Generate the parts of a source as (time [ns], rank, function that generates its items).
+
+    Args:
+        order: rank among sources with parts of the same time.
+        rows: parts, in the order of time.
+        show: makes the items of a part.
+    """
     for piece in rows:
         times = piece.t_ns  # type: ignore[attr-defined]
         yield int(times if isinstance(times, int) else times[0]), order, partial(show, piece)
 
 
 def _numbers(topic: str, series: Series, rows: object, targets: list[int]) -> Iterator[StreamItem]:
-    """Numbers in rows of one time, on a topic for each target."""
+    """Generate the numbers in rows of one time, each on the topic `topic/target`.
+
+    Args:
+        topic: first part of the topics.
+        series: columns that are taken.
+        rows: table, a row for each target.
+        targets: identities of the rows.
+    """
     columns = [np.asarray(getattr(rows, name), dtype=np.float64).tolist() for name in series.fields]
     t_ns = int(rows.t_ns[0])  # type: ignore[attr-defined]
     for target, values in zip(targets, zip(*columns, strict=True), strict=True):
@@ -292,7 +305,7 @@ class Thinner:
         self._shown: set[str] = set()  # topics with a last message that shows something
 
     def keeps(self, item: StreamItem) -> bool:
-        """Whether a time step is kept; time steps must be in the order of time."""
+        """Return whether a time step is kept; they must be passed in the order of time."""
         if isinstance(item, LogLine):
             return True
         topic, t_ns = (

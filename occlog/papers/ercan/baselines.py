@@ -35,7 +35,7 @@ AS_GOOD, NEARLY = 1.1, 1.35
 
 
 def baselines(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE of every filter against the number of cameras, and with four in the further settings."""
+    """Table of the RMSE of every filter against the number of cameras, and with four in the further settings."""
     room = square_room(pillar=True)
     counts = (CAMERAS,) if size.quick else (2, 3, CAMERAS, 6, 8)
     points = [_point(name, n, room, size, FILTERS[name]) for n in counts for name in FILTERS]
@@ -61,7 +61,18 @@ def _point(
     priors: Values | None = None,
     observe: Values | None = None,
 ) -> TrialPoint:
-    """Describe a point of the table; settings of `apf` come on top of those of all figures."""
+    """Return a point of the table: series, x and the specification of its trial.
+
+    Args:
+        series: its name.
+        n: number of cameras (x).
+        scene: YAML text.
+        size: steps and seed.
+        settings: of the filter; those of `apf` come on top of those of all figures.
+        simulate: settings of the world.
+        priors: kind of priors; None: none.
+        observe: settings of the observations; None: the defaults.
+    """
     more = {} if observe is None else {"observe": {"diameter": 3.33, **observe}}
     spec = trial(scene, size, simulate, priors or {"kind": "none"}, cameras=names(SQUARE_ORDER[:n]), **more)
     track = dict(settings) if "method" in settings else {**spec["track"], **settings}
@@ -69,7 +80,7 @@ def _point(
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 4 states about Kalman filters, at every number of cameras."""
+    """Return the verdicts on what Sec. 4 states about Kalman filters, at every number of cameras."""
 
     def lower(key: str, statement: str, low: str, high: str) -> StatementVerdict:
         return v.pairs(f"baselines-{key}", statement, v.matched(table, low, high))

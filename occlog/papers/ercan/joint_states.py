@@ -38,7 +38,12 @@ LEFT, SOME = 10.0, 3.0
 
 
 def figures_of(spec: Spec) -> dict[str, float]:
-    """Run all ways in one world of `others` other objects; RMSE, seconds and effective particles of each."""
+    """Track one target by all three ways, in one simulated world with `spec["others"]` other objects.
+
+    Returns:
+        For each way `<way>, rmse`, `<way>, ess` (mean effective particles of the target) and `<way>, seconds` (CPU;
+        of both passes for the way that has two).
+    """
     scene = scene_from_yaml(spec["scene"], "scene")
     seed, targets = int(spec["seed"]), 1 + int(spec["others"])
     world = WorldConfig(steps=int(spec["steps"]), targets=targets, occluders=0)
@@ -73,7 +78,17 @@ def _tracked(
     targets: tuple[int, ...] | None = None,
     priors: Occluders | None = None,
 ) -> tuple[list[TrackChunk], float]:
-    """Return the output of a method, and its CPU time [s]."""
+    """Return the chunks of tracks of a method, and its CPU time [s].
+
+    Args:
+        scene: the scene.
+        bearings: of all its sensors; some are used.
+        config: settings of the method.
+        seed: of its random numbers.
+        method: its name.
+        targets: labels that are tracked; None: all.
+        priors: of the occluders; None: without.
+    """
     start = time.process_time()
     sensors = frozenset(names(SQUARE_ORDER[:CAMERAS]))
     tracking = TrackingTask(config, seed, method=method, sensors=sensors, targets=targets)
@@ -97,7 +112,7 @@ def priors_of(tracks: Tracks) -> Occluders | None:
 
 
 def joint_states(size: Size, execute: Execute) -> Table:
-    """Compute RMSE, cost and effective particles against the number of objects, target included."""
+    """Return the table of RMSE, cost and effective particles against the number of objects, target included."""
     counts = (1, 4) if size.quick else (1, 2, 4, 9, 19)
     plain = {"scene": square_room(pillar=True), "steps": size.steps, "particles": size.particles}
     specs = [{**plain, "others": m, "seed": size.seed + run} for run in range(size.runs) for m in counts]
@@ -119,7 +134,7 @@ def _row(name: str, objects: int, results: list[dict[str, float]]) -> PaperRow:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge that one state of all objects is prohibitive for many of them, and compare the errors."""
+    """Verdicts on whether one state of all objects is prohibitive for many of them, and compare the errors."""
     joint = v.series(table, JOINT)
     if len(joint) < 2:
         return []

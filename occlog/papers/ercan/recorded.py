@@ -84,7 +84,7 @@ class Recorded:
 
     @property
     def start(self) -> Floats:
-        """Return the (2,) first position."""
+        """First position (2,) of the target [m]."""
         return np.array([self.positions.x[0], self.positions.y[0]])
 
     @property
@@ -287,7 +287,7 @@ def crowd_size(scene: Scene) -> int:
 
 
 def occluders_of(recorded: Recorded, seed: int) -> Truth:
-    """Draw virtual people, as dense and as thick as in the paper's lab, from the recording's first to its last time."""
+    """Draw the walks of virtual people in the recording's time, as dense and as thick as in the paper's lab."""
     t_ns, scene = recorded.positions.t_ns, recorded.scene
     span = int(t_ns[-1] - t_ns[0])
     # Steps of equal length, close to the median: people of a recording of constant rate have the times of its frames.
@@ -305,7 +305,13 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 
 
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
-    """Return (n,) true for bearings with a line of sight to the target that a person crosses ([Ercan] Fig. 3, A(x))."""
+    """Return the mask (n,) of bearings whose line of sight to the target a person crosses ([Ercan] Fig. 3, A(x)).
+
+    Args:
+        recorded: n bearings, and the target's positions.
+        people: positions of the virtual people.
+        diameter: of a person [m].
+    """
     bearings, positions = recorded.bearings, recorded.positions
     times = np.unique(people.t_ns)
     crowd = np.column_stack([people.x, people.y]).reshape(len(times), -1, 2)
@@ -367,7 +373,13 @@ def trial(
 
 
 def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
-    """Return the settings of a trial's filter."""
+    """Return the settings of a trial's filter.
+
+    Args:
+        recorded: gives the target's start.
+        size: number of particles.
+        kind: of the priors; `none`: their detection probability is not stated.
+    """
     return replace(
         ApfConfig.in_unit("m"),
         particles=size.particles,
@@ -379,7 +391,10 @@ def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
 
 
 def _error(recorded: Recorded, tracks: Tracks) -> float:
-    """Return the root mean square distance from the stand-in for the truth, without the first `SKIP` estimates."""
+    """Return the RMSE [m] against the stand-in for the truth, without the first `SKIP` estimates.
+
+    InputError if there are no others.
+    """
     positions, tracks = recorded.positions, tracks.take(slice(SKIP, None))
     if not len(tracks):
         raise InputError(
@@ -390,7 +405,16 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
 
 
 def recorded_spec(source: RecordedFiles, size: Size, run: int, kind: str, cameras: list[str], **more: object) -> Spec:
-    """Describe a trial for `recorded_trial`."""
+    """Return the specification of a trial for `recorded_trial`.
+
+    Args:
+        source: files of the recording.
+        size: steps, particles, and the seed of all runs.
+        run: number of the run.
+        kind: of the priors: `none`, `kalman` or `known`.
+        cameras: names of those that are used.
+        **more: further values of the trial.
+    """
     return {
         "recording": {**source._asdict(), "content": list(source.content)},
         "seed": size.seed + run,
@@ -478,7 +502,10 @@ def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Exp
 
 
 def fig14(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the number of cameras, the root mean square over all sets of that number."""
+    """Table of the RMSE against the number of cameras, the root mean square over all sets of that number.
+
+    `names`: of the cameras of the recording.
+    """
     counts = range(2, len(names) + 1)
     sets = [list(some) for n in counts for some in combinations(names, n)]
     trials = [(run, name, cameras) for run in range(size.runs) for name in KINDS for cameras in sets]
@@ -498,7 +525,10 @@ def _over(found: Sequence[Figures]) -> Figures:
 
 
 def fig15(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the number of selected cameras, with priors and the weak-perspective model."""
+    """Table of the RMSE against the number of selected cameras, with priors and the weak-perspective model.
+
+    `names`: of the cameras of the recording.
+    """
     points = list(_selections(len(names)))
     specs = [
         recorded_spec(source, size, run, "kalman", list(names), select=select)
@@ -530,7 +560,7 @@ def _row(name: str, x: float, runs: Sequence[Figures]) -> PaperRow:
 
 
 def judge14(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 14."""
+    """Return the verdicts on the statements about Fig. 14."""
     item = ITEMS[0]
     out = [
         v.pairs(f"{item}-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -543,7 +573,7 @@ def judge14(table: Table) -> list[StatementVerdict]:
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 15."""
+    """Return the verdicts on the statements about Fig. 15."""
     item, statement = ITEMS[1], "Greedy selection is close to brute force."
     out = [v.close(f"{item}-brute-force", statement, v.matched(table, GREEDY, BRUTE))]
     for name in HEURISTICS:

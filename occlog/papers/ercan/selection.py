@@ -62,7 +62,10 @@ def _select(policy: str, count: int, order: Sequence[int], every: float, model: 
 
 
 def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
-    """Return the settings of the selection of k cameras by series; `both`: with both camera models, or the weak one."""
+    """Return the settings of the selection of k cameras by series.
+
+    `order`: numbers of the cameras, in order; `both`: with both camera models, else the weak one.
+    """
     out, every = {}, EVERY if both else LAB_EVERY
     for name, policy in ((GREEDY, "greedy"), (BRUTE, "brute-force")):
         if both:
@@ -72,7 +75,7 @@ def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
 
 
 def fig12(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the number of selected cameras in the L-shaped room."""
+    """Return the table of the RMSE against the number of selected cameras in the L-shaped room."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6)
     scene, priors = l_room(), kalman(L_SIGMA)
     points = [
@@ -85,7 +88,7 @@ def fig12(size: Size, execute: Execute) -> Table:
 
 
 def judge12(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 12."""
+    """Return the verdicts on the statements about Fig. 12."""
     six, everything = v.find(table, GREEDY, 6), v.find(table, ALL)
     out = [
         v.close("fig12-brute-force", "Greedy selection is close to brute force.", v.matched(table, GREEDY, BRUTE)),
@@ -126,12 +129,18 @@ def _heuristics(item: str, table: Table) -> list[StatementVerdict]:
 
 
 def lab_trial(size: Size, priors: Values, **more: Any) -> Spec:
-    """Describe a trial in the stand-in for the lab; the RMSE leaves the first steps out."""
+    """Return the specification of a trial in the stand-in for the lab; its RMSE leaves out the first `LAB_SKIP` steps.
+
+    Args:
+        size: steps, particles and seed.
+        priors: kind of priors.
+        **more: further values of the trial.
+    """
     return trial(lab(), size, LAB_WORLD, priors, track=LAB_TRACK, skip=LAB_SKIP, **more)
 
 
 def fig15(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the number of selected cameras in the lab, with the weak-perspective model."""
+    """Table of the RMSE against the number of selected cameras in the lab, with the weak-perspective model."""
     counts = (2, 4) if size.quick else (2, 3, 4, 5, 6)
     priors = kalman(LAB_SIGMA, LAB_Q)
     points = [
@@ -144,7 +153,7 @@ def fig15(size: Size, execute: Execute) -> Table:
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 15."""
+    """Return the verdicts on the statements about Fig. 15."""
     statement = "Greedy selection is close to brute force."
     out = [v.close("fig15-brute-force", statement, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
@@ -179,7 +188,7 @@ FIG15 = Experiment(
 
 
 def fig14(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the number of cameras, for known positions, priors and neither."""
+    """Return the table of the RMSE against the number of cameras, for known positions, priors and neither."""
     counts = (2, 5, 9) if size.quick else tuple(range(1, 10))
     kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(LAB_SIGMA, LAB_Q), KNOWN: kalman(0.0)}
     points = [
@@ -191,7 +200,7 @@ def fig14(size: Size, execute: Execute) -> Table:
 
 
 def judge14(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 14."""
+    """Return the verdicts on the statements about Fig. 14."""
     known_none = v.matched(table, KNOWN, NONE)
     out = [
         v.pairs("fig14-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -224,7 +233,10 @@ PERIODS, QUICK_PERIODS = (1, 5, 25), (1, 25)
 
 
 def by_period(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE with greedily selected cameras against the steps between selections; runs share their worlds."""
+    """Table of the RMSE with greedily selected cameras against the steps between selections.
+
+    Runs of one number have the same world for all periods.
+    """
     points = []
     for every in QUICK_PERIODS if size.quick else PERIODS:
         select = {
@@ -240,7 +252,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge that the error is lower with more frequent selections."""
+    """Return the verdicts on whether the error is lower with more frequent selections."""
     rows = v.series(table, GREEDY)
     statement = "Selecting again more often gives better tracking: RMSE lower with the shorter time, by."
     return [v.pairs("selection-period", statement, list(pairwise(rows)))]

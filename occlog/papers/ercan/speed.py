@@ -44,7 +44,7 @@ LINEAR, NEARLY = 1.3, 1.6
 
 
 class LikelihoodInput(NamedTuple):
-    """Arguments of the likelihood at one step."""
+    """Arguments of the likelihood at one step: particles (L, 2), packed scan, and priors by kind."""
 
     xy: Floats  # (L, 2) positions of the particles
     packed: PackedScan
@@ -98,7 +98,15 @@ def _world(scene: Scene, size: Size, run: int) -> tuple[Truth, Bearings]:
 
 
 def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -> Iterator[LikelihoodInput]:
-    """Make the steps of a filter: reports of n cameras, and particles around the target."""
+    """Generate the input of a filter at each step: reports of n cameras, priors, and particles around the target.
+
+    Args:
+        scene: the scene.
+        truth: positions of target and occluders.
+        bearings: of all cameras.
+        n: number of cameras that are used.
+        size: particles and seed.
+    """
     known = OccluderFeed([Occluders.concat(list(known_positions([truth])))], 3.33, 10**10)
     guessed = OccluderFeed([Occluders.concat(list(virtual_priors([truth], 8.0, 1.2, size.seed)))], 3.33, 10**10)
     target = truth.take(truth.target_id == 0)
@@ -115,7 +123,10 @@ def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -
 
 
 def _measure(taken: dict[tuple[str, int], list[float]], scene: Scene, n: int, steps: list[LikelihoodInput]) -> None:
-    """Measure the CPU seconds of all steps for every form, appending to `taken`."""
+    """Measure the CPU time [s] of all steps for every form, and append it to `taken` by form and n.
+
+    `n`: number of cameras; one step is computed before, to compile.
+    """
     for form in LIKELIHOOD_FORMS:
         compute = _likelihood(scene, form)
         compute(steps[0])  # compiles the kernels before the time is taken
@@ -153,7 +164,7 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
 
 
 def judge10(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 10, from two cameras on."""
+    """Return the verdicts on the statements about Fig. 10, from two cameras on."""
     own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in LIKELIHOOD_FORMS}
     none, out = own[NONE], []
     for key, name in (("recursion", RECURSION), ("independent", INDEPENDENT)):

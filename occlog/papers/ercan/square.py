@@ -49,7 +49,10 @@ def _cameras(n: int) -> list[str]:
 
 
 def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) -> Table:
-    """Compute the RMSE against the number of cameras, for known positions, priors and neither."""
+    """Return the table of the RMSE against the number of cameras, for known positions, priors and neither.
+
+    `counts`: numbers of cameras; None: those of the paper, or of the quick form.
+    """
     scene = square_room(pillar=True)
     counts = counts or ((1, 2, 4, 6, 8) if size.quick else tuple(range(1, 9)))
     kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(8.0), KNOWN: kalman(0.0)}
@@ -62,7 +65,7 @@ def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) ->
 
 
 def judge6(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 6."""
+    """Return the verdicts on the statements about Fig. 6."""
     middle = (3, 4, 5, 6)
     out = [
         v.pairs(
@@ -85,7 +88,7 @@ def judge6(table: Table) -> list[StatementVerdict]:
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the error of the priors, with four cameras and no static occluder."""
+    """Return the table of the RMSE against the error of the priors, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     sigmas = (0.0, 4.0, 16.0) if size.quick else (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
     points = [TrialPoint(PRIOR, s, trial(scene, size, M40, kalman(s), cameras=_cameras(4))) for s in sigmas]
@@ -112,7 +115,7 @@ def crossing(rows: list[PaperRow]) -> PaperRow | None:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 7."""
+    """Return the verdicts on the statements about Fig. 7."""
     rows, none = v.series(table, PRIOR), v.find(table, NONE)
     known = rows[0] if rows else None
     cross = crossing(rows)
@@ -140,7 +143,7 @@ def judge7(table: Table) -> list[StatementVerdict]:
 
 
 def fig8(size: Size, execute: Execute) -> Table:
-    """Compute the error of the priors that gives an RMSE of 3, for each number of cameras, by interpolation."""
+    """Table of the error of the priors that gives an RMSE of 3, for each number of cameras, by interpolation."""
     scene = square_room(pillar=False)
     sigmas = (0.0, 8.0) if size.quick else (0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0)
     counts = (2, 4, 6, 8) if size.quick else (2, 3, 4, 5, 6, 7, 8)
@@ -167,6 +170,11 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
 
     NaN if the RMSE is larger even with known positions; the last of the grid (no priors) if it is
     smaller even there.
+
+    Args:
+        grid: errors of the priors, rising.
+        rmse: at each of them.
+        target: RMSE.
     """
     if rmse[-1] <= target:
         return grid[-1]
@@ -177,7 +185,7 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
 
 
 def judge8(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 8."""
+    """Return the verdicts on the statements about Fig. 8."""
     rows = [r for r in v.series(table, NEEDED) if r.runs]
     statement = "The more cameras, the less accurate the priors may be for an RMSE of 3."
     last, worst = (rows[-1] if rows else None), v.find(table, WORST)
@@ -194,7 +202,7 @@ def judge8(table: Table) -> list[StatementVerdict]:
 
 
 def fig9(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the number of occluders, with four cameras and no static occluder."""
+    """Return the table of the RMSE against the number of occluders, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     counts = (1, 40, 80) if size.quick else (1, 5, 10, 20, 30, 40, 60, 80, 100, 120)
     points = [
@@ -206,7 +214,7 @@ def fig9(size: Size, execute: Execute) -> Table:
 
 
 def judge9(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 9."""
+    """Return the verdicts on the statements about Fig. 9."""
     both = v.matched(table, KNOWN, NONE)
     if len(both) < 3:
         return []
@@ -229,7 +237,13 @@ def _gap(pair: v.Pair) -> PaperRow:
 
 
 def _spread(item: str, wide: list[PaperRow], narrow: list[PaperRow]) -> StatementVerdict:
-    """Judge that deviations over the runs are larger where less is known of the occluders: their quotient against 1."""
+    """Return the verdict on whether the error differs more from run to run where less is known of the occluders.
+
+    Args:
+        item: figure, begins the id of the verdict.
+        wide: rows without priors.
+        narrow: rows with known positions.
+    """
     statement = "The error differs more from run to run without priors than with known positions, by this factor."
     return v.judge(f"{item}-variation", statement, _deviations(wide, narrow), v.above(1.0), rule="above 1")
 

@@ -74,7 +74,10 @@ def trial(
 
 
 def run_points(points: Sequence[TrialPoint], size: Size, execute: Execute) -> Table:
-    """Run all trials and return a row for every point, with the RMSE of each run; equal runs share the world."""
+    """Run all trials, and return a row for every point, with the RMSE of each run.
+
+    Runs of one number have the same world at all points.
+    """
     specs = [{**p.spec, "run": run} for run in range(size.runs) for p in points]
     results = execute(specs)
     return [_row(p, results[i :: len(points)]) for i, p in enumerate(points)]
@@ -93,6 +96,11 @@ def worst_case(scene_text: str, simulate: Values, size: Size) -> PaperRow:
     """Return RMSE_max of [Ercan] Sec. 6.1: the error of the middle of the room's bounding box as the estimate.
 
     The targets are drawn as those of the trials, without moving occluders.
+
+    Args:
+        scene_text: YAML text.
+        simulate: settings of the world.
+        size: runs, steps and seed.
     """
     scene = scene_from_yaml(scene_text, "scene")
     few = {**simulate, "steps": size.steps, "occluders": 0}
@@ -109,7 +117,10 @@ def worst_case(scene_text: str, simulate: Values, size: Size) -> PaperRow:
 
 
 def judge_worst_case(table: Table, item: str, paper: float) -> list[StatementVerdict]:
-    """Judge the error without tracking, the row of `worst_case`, against that of the paper."""
+    """Return the verdict on the error without tracking (row of `worst_case`) against that of the paper.
+
+    Empty if the table has no such row. `item`: figure, begins the id; `paper`: printed number.
+    """
     row = find(table, WORST)
     if row is None:
         return []
@@ -118,7 +129,10 @@ def judge_worst_case(table: Table, item: str, paper: float) -> list[StatementVer
 
 
 def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[StatementVerdict]:
-    """Judge the error of the priors, the mean over the rows with priors, run by run."""
+    """Return the verdict on the error of the priors, the mean over the rows with priors, run by run.
+
+    Empty without such rows. `item`: figure, begins the id; `paper`: printed number.
+    """
     given = [own for r in rows if (own := r.each.get("rmse_occ")) and min(own) > 0.0]
     if not given:
         return []
@@ -128,7 +142,12 @@ def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[Stat
 
 
 def kalman(sigma: float, q: float = 1.2) -> Values:
-    """Describe priors by a Kalman filter on virtual measurements of deviation `sigma`; 0 means known positions."""
+    """Return the values of a trial for priors by a Kalman filter on virtual measurements.
+
+    Args:
+        sigma: standard deviation of the measurements; 0: known positions.
+        q: process noise of the velocity.
+    """
     return (
         {"kind": "kalman", "measurement_noise": sigma, "process_noise_velocity": q} if sigma > 0 else {"kind": "known"}
     )
@@ -174,7 +193,7 @@ def names(numbers: Sequence[int]) -> list[str]:
 
 
 def square_room(*, pillar: bool) -> str:
-    """Write the room of Fig. 5: 100 x 100 with eight cameras, with or without its static occluder."""
+    """Return the YAML text of the room of Fig. 5: 100 x 100, eight cameras, with its static occluder if `pillar`."""
     box = [(40, 40), (60, 40), (60, 60), (40, 60)] if pillar else None
     return _scene("unit", [(0, 0), (100, 0), (100, 100), (0, 100)], box, cameras=SQUARE, focal=70.0, fov=90.0, yaw=0.01)
 
@@ -213,7 +232,17 @@ def _scene(
     fov: float,
     yaw: float,
 ) -> str:
-    """Write a scene file, with sigma_pos 1 and sigma_read 2 px of every camera."""
+    """Return the YAML text of a scene, with sigma_pos 1 and sigma_read 2 px of every camera.
+
+    Args:
+        unit: of lengths.
+        room: corners.
+        box: corners of a static occluder; None: none.
+        cameras: x, y and direction [deg] of each.
+        focal: focal length [px].
+        fov: field of view [deg].
+        yaw: standard deviation of the yaw [rad].
+    """
     lines = ["occlog_scene: 1", f"length_unit: {unit}", f"room: {_points(room)}"]
     if box is not None:
         lines += ["static_occluders:", f"- {{name: pillar, polygon: {_points(box)}}}"]

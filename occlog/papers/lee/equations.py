@@ -109,7 +109,7 @@ STATEMENTS: Mapping[str, LeeStatement] = {
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the quantity of every statement; a row each, numbered by x."""
+    """Return the table of the quantity of every statement; a row each, numbered by x."""
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 1)))
     found = {
         **_turns(),
@@ -126,7 +126,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge each statement by its quantity, which has no error bar."""
+    """Return the verdicts on each statement by its quantity, which has no error bar."""
     return [
         v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule)
         for row in table
@@ -150,7 +150,10 @@ def _turns() -> dict[str, float]:
 
 
 def _propagator(a: float, velocity: float, step: float) -> Floats:
-    """Return the transition matrix (2.15) of one axis, [position, velocity], with acceleration `a`."""
+    """Return the transition matrix (2.15) of one axis, [position, velocity], over the time `step` [s].
+
+    `a`: acceleration; `velocity`: by which it is divided.
+    """
     return np.array([[1.0, a * step**2 / (2.0 * velocity) + step], [0.0, a * step / velocity + 1.0]])
 
 

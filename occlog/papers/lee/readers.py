@@ -30,7 +30,7 @@ ROOM = np.array([[0.0, 0.0], [SIDE, 0.0], [SIDE, SIDE], [0.0, SIDE]])
 
 
 def name_of(what: str, reach: float) -> str:
-    """Name a series: `coarse, range 2.6 m`."""
+    """Return the name of a series: `coarse, range 2.6 m` with what="coarse"; `reach` in metres."""
     return f"{what}, range {reach:g} m"
 
 
@@ -76,7 +76,7 @@ def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about accuracy; medians and RMS errors by two standard errors."""
+    """Return the verdicts on the statements about accuracy; medians and RMS errors by two standard errors."""
 
     def rows(what: str) -> list[PaperRow]:
         found = [v.find(table, name_of(what, reach), float(readers)) for readers, reach in SETTINGS]
@@ -107,12 +107,12 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
 
 
 def pair(low: list[PaperRow], high: list[PaperRow]) -> list[tuple[PaperRow, PaperRow]]:
-    """Return pairs of table rows with the same setting."""
+    """Return the pairs of rows of two series with the same settings, in their order; they are of equal length."""
     return list(zip(low, high, strict=True))
 
 
 def counts(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Count virtual sensors: of three circles, of twelve readers of which two overlap at most, of eight."""
+    """Table of numbers of virtual sensors: of three circles, of twelve readers (at most two overlap), of eight."""
     angles = np.radians([90.0, 210.0, 330.0])
     three = len(virtual_sensors(np.column_stack([np.cos(angles), np.sin(angles)]), np.full(3, 1.5)).area)
     ring = np.radians(30.0 * np.arange(12))
@@ -138,7 +138,7 @@ EIGHT, EIGHT_RANGE, LAYOUTS = 26, 1.4, 20
 
 
 def judge_counts(table: Table) -> list[StatementVerdict]:
-    """Judge the printed numbers."""
+    """Return the verdicts on the printed numbers."""
     printed = {
         "three circles": (7, "Three coverages that overlap make 7 virtual sensors (Fig. 5-32)."),
         "twelve readers, at most": (

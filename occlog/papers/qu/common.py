@@ -32,7 +32,10 @@ def seed_of(size: Size, run: int) -> int:
 
 
 def spec_of(size: Size, run: int, **balls: Any) -> Spec:
-    """Describe a trial of the four methods on the paper's video, or on one with other balls."""
+    """Return the specification of a trial of the four methods on the paper's video, or with other balls.
+
+    `run`: number of the run, which gives the seed; `balls`: settings of the video.
+    """
     methods = {m: {"method": m} for m in METHODS}
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, **balls}, parts=PARTS)
 
@@ -40,7 +43,16 @@ def spec_of(size: Size, run: int, **balls: Any) -> Spec:
 def rate_row(
     series: str, x: float, results: Sequence[Mapping[str, float]], label: str, rate: str, *, plotted: bool = True
 ) -> PaperRow:
-    """Make the row of a rate [%] of every run, with its median and the means of the other figures."""
+    """Return the row of a rate [%] of every run, with its median and the means of the other figures.
+
+    Args:
+        series: of the row.
+        x: of the row.
+        results: figures of each run.
+        label: of the method in the figures.
+        rate: `fr_p` or `fr_l`.
+        plotted: false: in the table only.
+    """
     values = tuple(100.0 * r[f"{label}.{rate}"] for r in results)
     extra = {"median": float(np.median(values))}
     for name in KEPT:
@@ -51,7 +63,14 @@ def rate_row(
 
 
 def ordered(key: str, statement: str, low: PaperRow, high: PaperRow) -> StatementVerdict:
-    """Judge that one mean rate [%] is below another; where the higher one is below `LITTLE`, nothing can be stated."""
+    """Return the verdict on whether one mean rate [%] is below another; none if both are below `LITTLE`.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        low: row of the lower rate.
+        high: row of the higher rate.
+    """
     points = [] if high.mean < LITTLE and low.mean < LITTLE else [v.lower(low, high)]
     better = sum(a < b for a, b in zip(low.values, high.values, strict=True))
     worse = sum(a > b for a, b in zip(low.values, high.values, strict=True))
@@ -61,7 +80,7 @@ def ordered(key: str, statement: str, low: PaperRow, high: PaperRow) -> Statemen
 
 
 def everywhere(key: str, statement: str, points: Sequence[tuple[PaperRow, PaperRow]]) -> StatementVerdict | None:
-    """Judge that one mean is below another at several points; None where nothing can be gained at any of them.
+    """Verdict on whether one mean is below another at several points; None where nothing can be gained at any of them.
 
     Args:
         key: id of the verdict.

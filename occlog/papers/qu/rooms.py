@@ -97,7 +97,7 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
 
 
 def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
-    """Return the true boxes by view, and the radius of each [px]."""
+    """Return the true boxes by view, the index in `names`, and the radius of each [px]."""
     b = boxes.take(boxes.box >= 0)
     view = np.array([names.index(name) for name in b.sensor.tolist()], dtype=np.int64)
     box = np.column_stack([b.left_px, b.top_px, b.width_px, b.height_px])
@@ -106,7 +106,7 @@ def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
 
 
 def _followed(tracks: ViewTracks, names: Sequence[str]) -> TrackerOutput:
-    """Return the rows of a table in the form of trials, without times."""
+    """Return the rows of a table in the form of trials, without times; `names` are the views in order."""
     t, n = tracks, len(tracks)
     modes = {name: k for k, name in enumerate(MODES)}
     return TrackerOutput(

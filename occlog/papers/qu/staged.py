@@ -38,14 +38,20 @@ class Staging(NamedTuple):
 
 
 def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:
-    """Return what a video shows; InputError for a scene that is none of `SCENES`."""
+    """Return what a video shows: a scene of `SCENES`, or empty, and balls that view 1 does not see (`unseen`).
+
+    InputError for another scene.
+    """
     if scene and scene not in SCENES:
         raise InputError(f"trial: scene is {scene!r}, must be one of {', '.join(SCENES)}", id="unknown-name")
     return Staging(scene, unseen)
 
 
 def video_of(config: BallsConfig, seed: int, staging: Staging) -> Iterator[BallsFrame]:
-    """Draw a staged video; outlines of balls that a view does not see are NaN, and their visible shares 0."""
+    """Generate the frames of a staged video.
+
+    Outlines of balls that a view does not see are NaN, and their visible shares 0.
+    """
     paths = ball_paths(config, seed) if not staging.scene else staged_paths(config, seed, staging.scene)
     if not staging.unseen:
         yield from render_balls(config, seed, paths=paths)
@@ -74,7 +80,7 @@ def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
 
 
 def _together(config: BallsConfig, rng: Generator) -> Floats:
-    """Return paths of two balls that move together in view 1, occluding each other ([Qu] Fig. 7b, camera 1)."""
+    """Return centres (frames, 2, 3) of two balls that move together in view 1, occluding each other ([Qu] Fig. 7b)."""
     t = np.linspace(0.0, 1.0, config.frames)
     first, last = (rng.uniform(0.0, 2.0 * math.pi) for _ in range(2))
     near = rng.uniform(0.0, 2.0 * math.pi)
@@ -89,12 +95,12 @@ def _together(config: BallsConfig, rng: Generator) -> Floats:
 
 
 def _together_in_second(config: BallsConfig, rng: Generator) -> Floats:
-    """Return paths like those of `_together`, but in view 2."""
+    """Return centres (frames, 2, 3) of two balls that move together in view 2, occluding each other there."""
     return _together(config, rng)[..., [1, 0, 2]]
 
 
 def _opposite(config: BallsConfig, rng: Generator) -> Floats:
-    """Return paths like those of `_together`, but in opposite directions, passing one another."""
+    """Return centres (frames, 2, 3) of two balls that pass one another in view 1, in opposite directions."""
     t = np.linspace(0.0, 1.0, config.frames)
     close = HIDING * config.radius * rng.choice([-1.0, 1.0])
     gap = np.column_stack([400.0 * (t - 0.5), np.full(len(t), close)])
@@ -138,7 +144,10 @@ def _following(angle: float, *, across: bool = False, back: bool = False) -> Cal
 
 
 def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
-    """Return the paths of four balls side by side that never touch: on one epipolar line, or in a column."""
+    """Return a function that draws paths of four balls side by side that never touch.
+
+    `on_line`: on one epipolar line, else in a column.
+    """
 
     def positions(config: BallsConfig, rng: Generator) -> Floats:
         t = np.linspace(-0.5, 0.5, config.frames)
@@ -163,7 +172,7 @@ def _unit(angle: float) -> Floats:
 
 
 def _smooth(share: Floats) -> Floats:
-    """Return a smooth step from 0 to 1 of shares of the way, which are cut to 0 to 1."""
+    """Return a smooth step from 0 to 1 for each `share` of the way, which is cut to 0 to 1."""
     s = np.clip(share, 0.0, 1.0)
     return np.asarray(s * s * (3.0 - 2.0 * s))
 

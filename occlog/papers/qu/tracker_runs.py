@@ -30,7 +30,7 @@ from .world import FLYING, frame_set_of, truth_of, views_of
 
 
 class DivertedTracker(NamedTuple):
-    """A tracker placed off its target."""
+    """Tracker of a view and target that is moved to (x, y) [px], off its target, in a frame."""
 
     view: int
     target: int
@@ -146,7 +146,10 @@ def follow(
 
 
 def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualState:
-    """Return the state with two trackers of a view exchanged; InputError where it has no such trackers."""
+    """Return a copy of the state with two trackers of a view exchanged.
+
+    `one`, `other`: their targets; InputError if the view has no such trackers.
+    """
     t = state.trackers
     rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]
     if any(len(r) != 1 for r in rows):
@@ -172,7 +175,7 @@ def led_astray(state: VisualState, astray: DivertedTracker) -> VisualState:
 
 
 def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
-    """Return the rows of the first frame, of newly initiated trackers."""
+    """Return the rows of the first frame, of newly initiated trackers; `views`: number of views."""
     n = len(births)
     zero, unknown = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     return TrackerOutlines(
@@ -193,7 +196,13 @@ def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
 def _joined(
     rows: Sequence[TrackerOutlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
 ) -> TrackerOutput:
-    """Concatenate the rows of frames 0, 1, ..."""
+    """Concatenate the rows of frames 0, 1, ...
+
+    Args:
+        rows: of each frame.
+        seconds: CPU time of each step [s].
+        parts: times of the likelihoods in each step [s]; empty: not measured.
+    """
     return TrackerOutput(
         frame=np.repeat(np.arange(len(rows)), [len(o.view) for o in rows]),
         view=np.concatenate([o.view for o in rows]),

@@ -135,11 +135,10 @@ def alarms(
 
     Returns:
         `checked`: share of the rows that were checked; `bad`: share of those that is `bad`;
-        `false_alarm_probability`: of those
-        of sound targets, the share that is `bad`; `missed`: of those of the others, the share that is `good`; with
-        `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames until it is on its own
-        target for the first time, and `returned`: frames until it is so for good.  NaN where there is nothing to
-        divide by; inf: never.
+        `false_alarm`: of those of sound targets, the share that is `bad`; `missed`: of those of the others, the
+        share that is `good`; with `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames
+        until it is on its own target for the first time, and `returned`: frames until it is so for good.  NaN where
+        there is nothing to divide by; inf: never.
     """
     f = followed
     on = on_own(truth, followed, tau)
@@ -160,7 +159,14 @@ def alarms(
 
 
 def timeline(truth: Objects, followed: TrackerOutput, tau: Floats, parts: int) -> dict[str, float]:
-    """Return the share of true rows without their tracker: `off_0`, ... of the video's parts, `off_end` of its end."""
+    """Return the share of true rows without their tracker: `off_0`, ... of the video's parts, `off_end` of its end.
+
+    Args:
+        truth: n true outlines.
+        followed: rows of the trackers.
+        tau: (n,) distance within which a tracker is on its target [px].
+        parts: number of equal parts of the video.
+    """
     f = followed
     last = int(truth.frame.max())
     on = on_own(truth, followed, tau)
@@ -172,7 +178,7 @@ def timeline(truth: Objects, followed: TrackerOutput, tau: Floats, parts: int) -
 
 
 def on_own(truth: Objects, followed: TrackerOutput, tau: Floats) -> Bools:
-    """Return (n,) whether each tracker is within tau of its own target."""
+    """Return the mask (m,) of the trackers' rows within `tau` (n,) of their own target, of n true rows."""
     f = followed
     assert truth.view is not None
     index_of = {key: i for i, key in enumerate(zip(truth.frame, truth.view, truth.label, strict=True))}
@@ -198,7 +204,13 @@ def _first(followed: TrackerOutput, rows: Bools) -> float:
 
 
 def _for_good(followed: TrackerOutput, rows: Bools, on: Bools) -> float:
-    """Return the first frame from which a tracker stays on its target to the end; inf if there is none."""
+    """Return the first frame from which a tracker stays on its target to the end; inf if there is none.
+
+    Args:
+        followed: rows of all trackers.
+        rows: mask of the tracker's.
+        on: mask of rows that are on their target.
+    """
     frames, held = followed.frame[rows], on[rows]
     off = frames[~held]
     after = frames[frames > off.max()] if len(off) else frames
@@ -206,7 +218,14 @@ def _for_good(followed: TrackerOutput, rows: Bools, on: Bools) -> float:
 
 
 def views_spec(seed: int, methods: Mapping[str, Values], balls: Values, **more: object) -> Spec:
-    """Describe a trial of several methods for `run_views_trial`."""
+    """Return the specification of a trial of several methods for `run_views_trial`.
+
+    Args:
+        seed: of the video and the trackers.
+        methods: label to the method's values.
+        balls: settings of the video.
+        **more: further values of the trial.
+    """
     return {
         "kind": KIND,
         "seed": seed,
@@ -276,7 +295,13 @@ def defaults_of(method: str) -> MipfConfig:
 
 
 def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
-    """Make one method of a trial from its description; InputError or UsageError for values that do not fit."""
+    """Return one method of a trial, ready to run; InputError or UsageError for values that do not fit.
+
+    Args:
+        config: of the video.
+        spec: of the trial.
+        own: values of the method.
+    """
     _check(own, OWN)
     settings = configure(defaults_of(str(own.get("method"))), dict(own.get("set", {})))
     matrices = own.get("fundamental", "true")

@@ -56,7 +56,7 @@ VIEWS = VideoVariant(
 
 
 def compute(variant: VideoVariant, size: Size, execute: Execute) -> Table:
-    """Compute both rates [%] of every method at every value.
+    """Return the table of both rates [%] of every method at every value.
 
     Runs of one seed at different values are different videos.
     """
@@ -82,7 +82,7 @@ def _of_balls(variant: VideoVariant, points: Sequence[float], size: Size, execut
 
 
 def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
-    """Compute all methods and numbers of views on one rendering of each video."""
+    """Run all methods with the numbers of views `points` on one rendering of each video; return figures by number."""
     methods = {f"{m}, {x:g}": {"method": m, "use": int(x)} for m in METHODS for x in points}
     balls = {"frames": size.steps, "views": MOST_VIEWS}
     results = execute([views_spec(seed_of(size, run), methods, balls) for run in range(size.runs)])
@@ -90,12 +90,12 @@ def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
 
 
 def _renamed(result: Mapping[str, float], ending: str) -> dict[str, float]:
-    """Return the figures with labels that have this ending, with the ending removed from the keys."""
+    """Return those figures of `result` whose label has this ending, with the ending removed from the keys."""
     return {k.replace(f"{ending}.", "."): value for k, value in result.items() if f"{ending}." in k}
 
 
 def judge(variant: VideoVariant, table: Table) -> list[StatementVerdict]:
-    """Judge whether BMCT is better than IDMOT at every value, and whether more views lower its rates."""
+    """Return the verdicts on whether BMCT is better than IDMOT at every value, and more views lower its rates."""
     out = []
     for rate, name in RATES.items():
         own = v.series(table, f"BMCT, {name}")
@@ -115,7 +115,7 @@ def judge(variant: VideoVariant, table: Table) -> list[StatementVerdict]:
 
 
 def _cost(variant: VideoVariant, table: Table) -> StatementVerdict:
-    """Judge that the time of a frame grows linearly with the targets, or with the views, by the same videos."""
+    """Return the verdict on whether the time of a frame grows linearly with the targets, or with the views."""
     rows = v.series(table, f"BMCT, {RATES['fr_p']}")
     times = [PaperRow("time", r.x, r.each["frame_ms"]) for r in rows if r.x > 1]  # one view has no collaboration
     what = "cameras" if variant is VIEWS else "targets"

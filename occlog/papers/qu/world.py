@@ -75,7 +75,7 @@ FLYING = Staging()
 
 @functools.lru_cache(maxsize=8)
 def first_frame(config: BallsConfig, seed: int, staging: Staging = FLYING) -> BallsFrame:
-    """Return the first frame of a video."""
+    """Return the first frame of a video; the last few results are kept."""
     return next(video_of(config, seed, staging))
 
 
@@ -103,7 +103,7 @@ def views_of(config: BallsConfig) -> tuple[TrackedView, ...]:
 
 
 def frame_set_of(frame: BallsFrame, use: int) -> FrameSet:
-    """Return the first views of a frame in the form that methods take."""
+    """Return the first `use` views of a frame in the form that methods take."""
     return FrameSet(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
 
 
@@ -123,7 +123,10 @@ def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
 
 
 def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]:
-    """Return the rows of the first views from the output of `truth_of`."""
+    """Return the true rows and radii (n,) of the first `use` views, out of those of `truth_of`.
+
+    `radius`: of all rows of `truth` [px].
+    """
     assert truth.view is not None
     kept = truth.view < use
     return Objects(truth.frame[kept], truth.label[kept], truth.position[kept], truth.view[kept]), radius[kept]

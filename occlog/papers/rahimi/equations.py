@@ -83,14 +83,14 @@ STATEMENTS: Mapping[str, RahimiStatement] = {
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the quantity of every statement; a row each, numbered by x."""
+    """Return the table of the quantity of every statement; a row each, numbered by x."""
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2004, 1)))
     found = {**_undetermined(rng, size.steps), **_prior(), "sec5-sparse": _sparse()}
     return [PaperRow(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge each statement by its quantity, which has no error bar."""
+    """Return the verdicts on each statement by its quantity, which has no error bar."""
     out = []
     for row in table:
         s = STATEMENTS[row.series]

@@ -49,7 +49,7 @@ TRAINING_PATHS, TRAINING_STEPS, TRAINING_NOISE = 40, 200, 1e-3
 
 
 class Example(NamedTuple):
-    """One random problem."""
+    """One random problem: true path, and bearings."""
 
     truth: Truth
     bearings: Bearings
@@ -107,7 +107,7 @@ def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
 
 
 def truth_of(xy: Floats) -> Truth:
-    """Return (T, 2) positions as a table, at intervals of `STEP_S`."""
+    """Return positions `xy` (T, 2) [m] as a table, at intervals of `STEP_S`."""
     n = len(xy)
     return Truth.of(
         t_ns=times(n),
@@ -159,7 +159,7 @@ def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
 
 
 def times(steps: int) -> Ints:
-    """Return (steps,) times [ns]."""
+    """Return the times (steps,) of a problem [ns], from 0."""
     return np.asarray(np.rint(np.arange(steps) * STEP_S * 1e9), dtype=np.int64)
 
 

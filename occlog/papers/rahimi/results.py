@@ -44,7 +44,7 @@ CRITICAL = 0.1
 
 
 def fig4(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE of tenths of the trajectories, of the whole, and of its seen and unseen parts.
+    """Return the table of the RMSE of tenths of the trajectories, of the whole, and of its seen and unseen parts.
 
     The rows `BETWEEN` and `BEYOND` have the problems with both kinds of unseen parts only.
     """
@@ -62,7 +62,7 @@ def fig4(size: Size, execute: Execute) -> Table:
 
 
 def median_of(values: Sequence[float]) -> tuple[float, float]:
-    """Return the median, and half the width of its 68 % interval by order statistics."""
+    """Return the median of `values`, and half the width of its 68 % interval by order statistics."""
     n, ordered = len(values), sorted(values)
     off = 0.5 * math.sqrt(n)
     low, high = max(0, math.floor(0.5 * n - off)), min(n - 1, math.ceil(0.5 * n + off) - 1)
@@ -70,7 +70,7 @@ def median_of(values: Sequence[float]) -> tuple[float, float]:
 
 
 def judge4(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 4."""
+    """Return the verdicts on the statements about Fig. 4."""
     whole = _mean_row(table, ALL)
     parts = np.array([r.values for r in v.series(table, ALL)])
     ends = PaperRow("ends", math.nan, _rms(parts[[0, -1]]))
@@ -108,7 +108,7 @@ def problems_plan(size: Size) -> PlanFigure:
 
 
 def fig5(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE of every problem with the constraints and without, by rising error without; and the means."""
+    """Table of the RMSE of every problem with the constraints and without, by rising error without; and the means."""
     results = execute([sparse_spec(size, run, **kind) for kind in KINDS.values() for run in range(size.runs)])
     order = sorted(range(size.runs), key=lambda run: results[run]["rmse"])
     rows = []
@@ -126,7 +126,7 @@ def _mean_row(table: Table, name: str) -> PaperRow:
 
 
 def judge5(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 5."""
+    """Return the verdicts on the statements about Fig. 5."""
     low, high, room = (_mean_row(table, name) for name in (WITH, WITHOUT, ROOM))
     behind = {name: [r.extra["behind"] for r in v.series(table, name)] for name in (WITH, WITHOUT)}
     n, (kept, lost) = low.runs, (sum(b > 0 for b in behind[name]) for name in (WITH, WITHOUT))

@@ -62,7 +62,7 @@ RIGHT_WITHIN = (1.4, 2.8)
 
 
 def false(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the share of false bearings, for each loss, start and set of constraints."""
+    """Return the table of the RMSE against the share of false bearings, for each loss, start and set of constraints."""
     points = [(name, share) for name in WAYS for share in (SHARES[:2] if size.quick else SHARES)]
     specs = [
         sparse_spec(size, run, false=share / 100.0, **WAYS[name]) for name, share in points for run in range(size.runs)
@@ -78,7 +78,7 @@ def false(size: Size, execute: Execute) -> Table:
 
 
 def judge_false(table: Table) -> list[StatementVerdict]:
-    """Judge this project's statements about false bearings: what 10 % of them add to the error with clean data."""
+    """Verdicts on what 10 % of false bearings add to the error with clean data (statements of this project)."""
     clean = v.find(table, SQUARE, 0.0)
     out = []
     for name, base in CLEAN.items():
@@ -98,7 +98,14 @@ def judge_false(table: Table) -> list[StatementVerdict]:
 
 
 def _adds(key: str, name: str, clean: PaperRow, row: PaperRow) -> StatementVerdict:
-    """Judge what false bearings add, as a share of the clean error, run by run."""
+    """Return the verdict on what false bearings add to the RMSE, as a share of the clean error, run by run.
+
+    Args:
+        key: id of the verdict.
+        name: of the method.
+        clean: row without false bearings.
+        row: with 10 % of them.
+    """
     ratio, error = quotient(row, clean)
     statement = (
         f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
@@ -109,7 +116,7 @@ def _adds(key: str, name: str, clean: PaperRow, row: PaperRow) -> StatementVerdi
 
 
 def covariance(size: Size, execute: Execute) -> Table:
-    """Compute the mean normalised squared error against the step at which the motion is identified.
+    """Return the table of the mean normalised squared error against the step at which the motion is identified.
 
     Errors with the inverse Hessian at the mode are too large for a plot: that of the longest step is a line across.
     """
@@ -135,7 +142,7 @@ def _finite(values: Iterable[float]) -> tuple[float, ...]:
 
 
 def judge_covariance(table: Table) -> list[StatementVerdict]:
-    """Judge this project's statement about the covariance: the mean normalised squared error is 2."""
+    """Return the verdicts on this project's statement about the covariance: the mean normalised squared error is 2."""
     out = []
     for name in ESTIMATES:
         for row in table:
@@ -147,7 +154,10 @@ def judge_covariance(table: Table) -> list[StatementVerdict]:
 
 
 def _consistent(key: str, what: str, row: PaperRow) -> StatementVerdict:
-    """Judge a mean against 2; the error bar is that of the problems' means, as errors within a problem depend."""
+    """Return the verdict on a mean NEES against 2; the error bar is that of the problems' means.
+
+    Errors within a problem depend on each other. `key`: id; `what`: words for the case; `row`: means by problem.
+    """
     statement = f"The normalised squared error is 2 in the mean, as the covariance states ({what})."
     low, high = RIGHT_WITHIN
     rule = f"from {low:g} to {high:g}; in part within a factor of 2"

@@ -26,7 +26,7 @@ LEFT = 0.1
 
 
 def fig3(size: Size, execute: Execute) -> Table:
-    """Compute residuals and errors after every iteration, over those of the start, and the problems that go on."""
+    """Table of residuals and errors after every iteration, over those of the start, and the problems that go on."""
     results = execute([sparse_spec(size, run) for run in range(size.runs)])
     last = int(max(r["iterations"] for r in results))
     rows = []
@@ -41,7 +41,10 @@ def fig3(size: Size, execute: Execute) -> Table:
 
 
 def _moving(results: Sequence[Mapping[str, float]], k: int) -> list[bool]:
-    """Return whether each problem goes on after iteration k; one that does not converge goes on for ever."""
+    """Return whether each problem goes on after iteration k; one that does not converge goes on for ever.
+
+    `results`: figures of each problem.
+    """
     return [k < r["iterations"] or not r["converged"] for r in results]
 
 
@@ -53,7 +56,7 @@ def settled(values: Sequence[float]) -> int:
 
 
 def judge3(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 3, and those of Secs. 5 and 6 about the search."""
+    """Return the verdicts on the statements about Fig. 3, and those of Secs. 5 and 6 about the search."""
     ray, distance, position = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
     runs = ray.shape[1]
     lined, placed = ([settled(column.tolist()) for column in x.T] for x in (ray, distance))
@@ -91,7 +94,7 @@ def _start(off: float, runs: int) -> StatementVerdict:
 
 
 def _iterations(moving: Sequence[PaperRow]) -> list[StatementVerdict]:
-    """Judge that every problem converges, and after how many iterations."""
+    """Return the verdicts on whether every problem converges, and after how many iterations."""
     open_ = round(math.fsum(moving[-1].values))
     runs = moving[-1].runs
     counts = [math.fsum(values) for values in zip(*(r.values for r in moving), strict=True)]
@@ -115,12 +118,12 @@ def ranked(size: Size) -> tuple[Solved, ...]:
 
 
 def error(solved: Solved) -> float:
-    """Return the RMSE of an estimate [m]."""
+    """Return the RMSE of an estimate over all steps [m]."""
     return float(np.sqrt(np.mean(np.sum((solved.xy - solved.true_xy) ** 2, axis=1))))
 
 
 def panel(title: str, solved: Solved, *estimates: EstimatedPath) -> PlanPanel:
-    """Make the drawing of a problem with these estimates; without any, with the solution."""
+    """Return the drawing of a problem, with a title and the given estimates; without any, with the solution."""
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
     seen = np.isin(np.arange(len(solved.tracks)), at.state)
     return PlanPanel(title, solved.true_xy, seen, estimates or (EstimatedPath("estimate", solved.xy),))

@@ -43,7 +43,7 @@ BINS = 10
 
 
 class Solved(NamedTuple):
-    """A problem and its estimate."""
+    """Problem with its estimate: tracks, diagnostics, and the iterations of the solver."""
 
     problem: Example
     tracks: Tracks
@@ -54,17 +54,17 @@ class Solved(NamedTuple):
 
     @property
     def xy(self) -> Floats:
-        """(T, 2) estimated positions."""
+        """Estimated positions (T, 2) [m]."""
         return np.column_stack([self.tracks.x, self.tracks.y])
 
     @property
     def true_xy(self) -> Floats:
-        """(T, 2) true positions."""
+        """True positions (T, 2) [m]."""
         return np.column_stack([self.problem.truth.x, self.problem.truth.y])
 
 
 class SparseMeasurements(NamedTuple):
-    """The n measurements of a problem."""
+    """The n measurements of a problem: index of the state, camera's position and axis, and reading."""
 
     state: Ints  # (n,) time, from 0
     position: Floats  # (n, 2) of the camera
@@ -124,7 +124,7 @@ def solve_problem(spec: Spec) -> Solved:
 
 
 def sightings(bearings: Bearings, t_ns: Ints) -> SparseMeasurements:
-    """Return the measurements: rows in which a camera saw the target."""
+    """Return the measurements: the rows in which a camera saw the target; `t_ns` (T,) are the times of the states."""
     seen = bearings.take(bearings.seen)
     cameras = [sparse_scene(known_range=False).camera(name) for name in seen.sensor.tolist()]
     return SparseMeasurements(
@@ -210,7 +210,7 @@ def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
     """Return errors of the iterates: figures `ray_k`, `distance_k` and `place_k` after iteration k, and `start_off`.
 
     ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of the distances
-    from the cameras, over seen states [m].  position: RMSE of all states [m].  start_off: largest distance of a state
+    from the cameras, over seen states [m].  place: RMSE of all states [m].  start_off: largest distance of a state
     of the start from its position in the paper [m].
     """
     true = np.sum((solved.true_xy[at.state] - at.position) * at.axis, axis=1)

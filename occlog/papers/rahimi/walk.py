@@ -175,7 +175,7 @@ def _rng(seed: int, run: int, purpose: int) -> np.random.Generator:
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """Compute the figures of every walk, by a method that knows no walls, as the paper's, and by one that does."""
+    """Table of the figures of every walk, by a method that knows no walls, as the paper's, and by one that does."""
     ways = {FREE: False, WALLED: True}
     specs = [
         {"walk": "rahimi", "seed": size.seed, "run": run, "walls": walls}
@@ -191,7 +191,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Judge the statements of Sec. 7 about Fig. 7."""
+    """Return the verdicts on the statements of Sec. 7 about Fig. 7."""
     own = {row.series: row for row in table}
     loop, legs, order, through = (own[f"{FREE}, {key}"] for key in FIGURES)
     runs = order.runs

@@ -70,18 +70,18 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
 
 
 def in_text(name: str) -> str:
-    r"""A name, or text with one, with bytes that are not UTF-8 written as `\xe9`."""
+    r"""Return a name, or text with one, with bytes that are not UTF-8 written as `\xe9`."""
     bytewise = (f"\\x{ord(c) - 0xDC00:02x}" if 0xDC80 <= ord(c) <= 0xDCFF else c for c in name)
     return "".join(bytewise).encode("utf-8", "backslashreplace").decode()
 
 
 def in_line(text: str) -> str:
-    """A message as one line of text, for a table."""
+    """Return a message as one line of text, for a table."""
     return in_text(" ".join(text.split()))
 
 
 def _each_once(locations: Iterable[str]) -> list[str]:
-    """Path to each recording through the fewest links; of several the first by name."""
+    """Return one path to each recording among `locations`: through the fewest links, of several the first by name."""
     ways: dict[str, set[str]] = defaultdict(set)
     for location in locations:
         ways[location if is_url(location) else os.path.realpath(location)].add(location)
@@ -89,7 +89,7 @@ def _each_once(locations: Iterable[str]) -> list[str]:
 
 
 def _links(location: str) -> int:
-    """Number of symbolic links on the path to a file."""
+    """Return the number of symbolic links on the path `location`; 0 for a URL."""
     return 0 if is_url(location) else sum(part.is_symlink() for part in (Path(location), *Path(location).parents))
 
 
@@ -147,7 +147,7 @@ def _fault(location: str) -> str:
 
 
 def _absolute(name: str) -> str:
-    """Absolute path that keeps link names, except where a following `..` would lead elsewhere."""
+    """Return an absolute path that keeps link names, except where a following `..` would lead elsewhere."""
     path, real = os.path.abspath(name), os.path.realpath(name)  # noqa: PTH100 -- Path.absolute keeps `..`
     return path if os.path.realpath(path) == real else real
 
@@ -163,7 +163,7 @@ def _found(pattern: str, results: str) -> list[str]:
 
 
 def _stem(location: str) -> str:
-    """File name without suffix, as text; `_` replaces names of dots only, which denote folders."""
+    """Return the file name of a location without suffix; `_` replaces names of dots only, which denote folders."""
     stem = PurePosixPath(without_secrets(location) if is_url(location) else in_text(location)).stem
     return stem if stem.strip(".") else "_" * len(stem)
 
@@ -173,7 +173,7 @@ def _fits(name: str) -> bool:
 
 
 def _shown(locations: Sequence[str]) -> dict[str, str]:
-    """Short name of each location: its path below the common folder."""
+    """Return the short name of each location: its path below the common folder, or the URL without secrets."""
     local = [location for location in locations if not is_url(location)]
     common = os.path.commonpath([str(Path(location).parent) for location in local]) if local else ""
     files = {location: Path(location).relative_to(common).as_posix() for location in local}
@@ -181,7 +181,13 @@ def _shown(locations: Sequence[str]) -> dict[str, str]:
 
 
 def _with_hash(stem: str, shown: str, taken: set[str]) -> str:
-    """Reserve and return an unused name that file systems accept."""
+    """Return `stem` with a hash, a name that file systems accept, and add its key to `taken`, in place.
+
+    Args:
+        stem: first part, cut if too long.
+        shown: location of the recording, which is hashed.
+        taken: keys of the names in use (`key_of_name`).
+    """
     digest = hashlib.sha256(os.fsencode(shown)).hexdigest()
     ends = (f"-{digest[:length]}" for length in range(MIN_DIGITS, len(digest) + 1))
     names = (stem.encode()[: LONGEST_NAME - len(end)].decode(errors="ignore") + end for end in ends)

@@ -103,7 +103,13 @@ def _mark() -> dict[str, object]:
 
 @contextmanager
 def run_folder(location: str, name: str, cache: Cache) -> Iterator[Path]:
-    """Context manager: local folder of a run; new files are uploaded at the end if the run is at a URL."""
+    """Context manager: yield the local folder of a run; new files are uploaded at the end if the run is at a URL.
+
+    Args:
+        location: path or URL of the run.
+        name: of the recording, which the local folder of a URL has.
+        cache: where that is created.
+    """
     if not is_url(location):
         yield Path(location)
         return
@@ -123,7 +129,7 @@ def run_folder(location: str, name: str, cache: Cache) -> Iterator[Path]:
 
 
 def fetch_files(location: str, names: Iterable[str], folder: Path) -> None:
-    """Fetch files of a run into a folder, which is created if missing."""
+    """Download the files `names` of a run at the URL `location` into a folder, which is created if missing."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         fetch(f"{location}/{name}", folder / name)
@@ -136,7 +142,7 @@ FAILED = "failed"
 
 @dataclass(frozen=True)
 class Task:
-    """Work order of a recording."""
+    """Task of a worker: a recording, the configuration of its run, and where both are."""
 
     name: str
     shown: str  # what it is called in tables
@@ -149,7 +155,7 @@ class Task:
 
 @dataclass(frozen=True)
 class RecordingOutcome:
-    """Outcome of a recording."""
+    """Outcome of the run of one recording: exit code, failure, verdicts, losses and outputs."""
 
     name: str
     shown: str
@@ -166,7 +172,7 @@ class RecordingOutcome:
 
     @property
     def state(self) -> str:
-        """Exit code as a word."""
+        """Exit code as a word, for example `done`, `lossy` or `failed`."""
         return STATES.get(ExitCode(self.code), FAILED)
 
     @property
@@ -223,12 +229,12 @@ class _Run:
         return found
 
     def _recording(self) -> AbstractContextManager[Path]:
-        """Context manager: local copy of the recording."""
+        """Return a context manager that yields the path of a local copy of the recording."""
         location = self._task.location
         return self._task.cache.holding(location) if is_url(location) else nullcontext(Path(location))
 
     def _do_stages(self, recording: Path, folder: Path) -> int:
-        """Run the stages; return the exit code."""
+        """Run the stages on the local copy of the recording, into the run folder; return the worst exit code."""
         config = self._task.config
         config = replace(config, values={**config.values, "recording": str(recording)})
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -238,7 +244,7 @@ class _Run:
         return last.code if last.code not in GOING_ON else worst(step.code for step in self._steps)
 
     def _failed(self, found: RecordingOutcome, error: Exception) -> RecordingOutcome:
-        """Outcome with the error in one line, without local folders."""
+        """Return the outcome `found` with the error in one line, without local folders."""
         text, code, _ = explain(error)
         for path, name in self._names.items():
             for each in {path, " ".join(path.split())} - {"/"}:
@@ -249,7 +255,7 @@ class _Run:
         self._stage = stage
 
     def _with_outputs(self, outcome: RecordingOutcome, folder: Path) -> RecordingOutcome:
-        """Outcome with the contents of its output files."""
+        """Return the outcome with names, losses and verdicts of the outputs in the run folder."""
         made = tuple(name for step in self._steps for name in step.outputs)
         redone = outcome.redone or any(step.what == "done" for step in self._steps)
         files = [folder / name for name in made]

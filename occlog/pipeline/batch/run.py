@@ -90,7 +90,7 @@ def gather(
 
 
 def losses_of(outcomes: Sequence[RecordingOutcome]) -> tuple[Loss, ...]:
-    """Losses of all recordings: of a failed one all of it, of one with many losses the first ones and their number.
+    """Return the losses of all recordings: of a failed one all of it, of many losses the first ones and their number.
 
     The table of runs has all losses; file metadata cannot hold millions.
     """
@@ -122,7 +122,7 @@ def _provenance(outcomes: Sequence[RecordingOutcome], tables: Sequence[str], con
 
 
 def _checks(outcomes: Sequence[RecordingOutcome]) -> tuple[Check, ...]:
-    """Verdicts of all recordings as one check, with those that are implausible."""
+    """Return the verdicts of all recordings as one check, with those that are implausible."""
     judged = [each for each in outcomes if each.plausible is not None]
     doubted = (
         finding(
@@ -154,7 +154,10 @@ def _row(each: RecordingOutcome) -> dict[str, object]:
 
 
 def _figures(runs: Path, outcomes: Sequence[RecordingOutcome]) -> Iterator[dict[str, object]]:
-    """A row for each figure of the evaluations."""
+    """Generate a row (recording, file, name, value) for each figure of the evaluations; None for unknown values.
+
+    `runs`: folder with the runs.
+    """
     for each in outcomes:
         for file in METRICS_FILES:
             if file not in each.outputs:
@@ -247,7 +250,7 @@ def _check_config(config: Config) -> None:
 
 
 def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> None:
-    """UsageError for paths that other processes cannot access."""
+    """UsageError for locations in the memory of this process, if other processes are to work on them."""
     here = [
         p for p in (request.output, *(source.location for source in sources)) if is_url(p) and kind_of(p) == "memory"
     ]
@@ -260,7 +263,15 @@ def _check_places(request: BatchRequest, sources: Sequence[BatchRecording]) -> N
 def _outcomes(
     request: BatchRequest, config: Config, sources: Sequence[BatchRecording], folder: str, quiet: bool
 ) -> list[RecordingOutcome]:
-    """Outcome of every recording, in order."""
+    """Run all recordings, and return their outcomes in order.
+
+    Args:
+        request: workers, scheduler, whether to redo runs.
+        config: of the runs.
+        sources: recordings; those with a fault are not run.
+        folder: path or URL of the batch.
+        quiet: show no progress.
+    """
     # A worker of another machine may have another working folder
     config = replace(config, path=config.path.absolute())
     tasks = {
@@ -288,7 +299,7 @@ def _outcomes(
 
 
 def _refused(source: BatchRecording) -> RecordingOutcome:
-    """Outcome of a recording that is not attempted."""
+    """Return the outcome of a recording that is not attempted."""
     message = in_line(f"{source.shown}: {source.fault}")
     return RecordingOutcome(
         source.name, source.shown, code=ExitCode.BAD_INPUT, stage="recording", message=message, redone=True
@@ -296,14 +307,24 @@ def _refused(source: BatchRecording) -> RecordingOutcome:
 
 
 def _fetch_gathered(location: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
-    """Fetch the files needed for the tables over all recordings."""
+    """Download the files needed for the tables over all recordings.
+
+    Args:
+        location: URL of the batch.
+        runs: local folder, with a subfolder for each run.
+        outcomes: of the recordings.
+        results: names of result tables that are gathered.
+    """
     for each in outcomes:
         wanted = [name for name in each.outputs if name in METRICS_FILES or name in results]
         fetch_files(f"{location}/{RUNS}/{each.name}", wanted, runs / each.name)
 
 
 def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
-    """Exit code: 3 if recordings failed or anything was lost; that of the first if all failed."""
+    """Return the exit code: 3 if recordings failed or anything was lost; that of the first if all failed.
+
+    `lost`: whether a table over all recordings could not be made.
+    """
     if all(each.state == FAILED for each in outcomes):
         return outcomes[0].code
     codes = [ExitCode.LOSSY if each.state == FAILED else ExitCode(each.code) for each in outcomes]
@@ -311,7 +332,7 @@ def _code(outcomes: Sequence[RecordingOutcome], lost: bool) -> int:
 
 
 def _from_here(source: BatchRecording) -> str:
-    """Command argument for a recording, of which tables have the name only."""
+    """Return the command argument that names a recording, of which tables have the name only."""
     if is_url(source.location):
         return source.shown
     path, here = Path(source.location), Path.cwd()
@@ -319,7 +340,10 @@ def _from_here(source: BatchRecording) -> str:
 
 
 def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording], quiet: bool) -> None:
-    """Report failed and implausible recordings on standard error."""
+    """Write failed, lossy and implausible recordings to standard error; `quiet`: no warnings about the last.
+
+    `sources`: the recordings of the outcomes, in the same order.
+    """
     failed = [(each, source) for each, source in zip(outcomes, sources, strict=True) if each.state == FAILED]
     for each, source in failed[:MAX_REPORTED]:
         message = each.message.replace(in_line(each.shown), _from_here(source))

@@ -30,13 +30,19 @@ class DaskCluster:
     """Workers of a Dask scheduler; they need the same version of occlog."""
 
     def __init__(self, address: str) -> None:
-        """Use the scheduler at `address`, e.g. tcp://10.0.0.1:8786."""
+        """Store the address of a Dask scheduler, for example tcp://10.0.0.1:8786; connect later."""
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task with workers that died as often as Dask allows, twice.
+        """Generate key and result of each task as it ends; `Lost` if its workers died as often as Dask allows, twice.
 
         The second time it runs alone, since Dask blames every task that waited at a dead worker.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+
+        UsageError if Dask is not installed, or the scheduler does not answer.
         """
         try:
             import distributed
@@ -71,7 +77,13 @@ class DaskCluster:
     def _submitted(
         self, library: Any, client: Any, todo: Mapping[str, T], work: Callable[[T], R]
     ) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results of jointly submitted tasks.
+        """Generate key and result of each of the tasks `todo`, submitted together.
+
+        Args:
+            library: the module `distributed`.
+            client: of the scheduler.
+            todo: tasks by key.
+            work: function of a task.
 
         Raises:
             InputError: the scheduler is gone, or it or a worker cannot read the tasks (without this version of occlog).
@@ -102,7 +114,10 @@ class DaskCluster:
 
 
 async def _greet(library: Any, address: str) -> None:
-    """Test the connection to a scheduler, within Dask's configured timeout."""
+    """Connect to the Dask scheduler at `address` and close; OSError if it does not answer in Dask's timeout.
+
+    `library`: the module `distributed`.
+    """
     arguments = library.Security().get_connection_args("client")
     comm = await library.core.connect(address, **arguments)
     await comm.close()
@@ -110,7 +125,7 @@ async def _greet(library: Any, address: str) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Context manager that silences Dask's connection logs."""
+    """Context manager: silence all logs inside, thus Dask's about its connections."""
     before = logging.root.manager.disable
     logging.disable()
     try:
@@ -120,7 +135,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _in_turn(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Run a task exclusively among the threads of this worker."""
+    """Return work(piece), exclusively among the threads of this worker; InputError for another `version` of occlog."""
     with _ONE_AT_A_TIME:
         return done_alike(version, work, piece)
 
@@ -133,7 +148,14 @@ class RayCluster:
         self._address = address
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task with a worker that died as often as Ray allows."""
+        """Generate key and result of each task as it ends; `Lost` if its worker died as often as Ray allows.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+
+        UsageError if Ray is not installed, or the scheduler does not answer.
+        """
         try:
             import ray
         except ImportError as error:
@@ -195,7 +217,12 @@ class Jobs:
         self._cluster, self._folder, self._count, self._settings = cluster, folder, int(count), options
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results as jobs end; `Lost` for every task of a job that did not finish."""
+        """Generate key and result of each task as jobs end; `Lost` for every task of a job that did not finish.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+        """
         library = _library()
         if not self._folder.exists():
             # Others of this machine are not to read what jobs are given
@@ -248,5 +275,5 @@ def _number(value: str) -> object:
 
 
 def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
-    """Run the tasks of a job in subprocesses, so that one that crashes does not end the job."""
+    """Return key and result work(piece) of the `pieces` of a job, run in subprocesses: a crash does not end the job."""
     return list(Processes(1).outcomes(dict(pieces), work))

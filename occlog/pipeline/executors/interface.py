@@ -29,9 +29,9 @@ class Executor(Protocol):
         """Generate key and result of every task, in the order in which they finish.
 
         Args:
-            todo: pieces of work by their keys; other processes must be able to read them.
-            work: does one; a function of a module, so that other processes can import it.  What it raises ends the
-                iteration: it returns errors that concern one piece alone.
+            todo: tasks by key; other processes must be able to unpickle them.
+            work: runs one task; a function of a module, so that other processes can import it. An error that concerns
+                one task alone is to be returned; an exception ends the iteration.
 
         Raises:
             UsageError: the executor requires a package that is not installed, or does not answer.
@@ -40,7 +40,7 @@ class Executor(Protocol):
 
 
 def done_alike(version: str, work: Callable[[T], R], piece: T) -> R:
-    """Run a task on another machine; InputError if its occlog has another version."""
+    """Return work(piece) on a worker; InputError if its occlog is not of this `version`."""
     if version != __version__:
         raise InputError(
             f"a worker has occlog {__version__}, this is {version}; install the same", id="version-mismatch"
@@ -52,6 +52,6 @@ class InThisProcess:
     """Executor that runs one task after another in this process."""
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results in the order of the tasks."""
+        """Generate key and result work(piece) of each piece in `todo`, in their order, run in this process."""
         for key, piece in todo.items():
             yield key, work(piece)

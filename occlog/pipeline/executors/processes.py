@@ -30,11 +30,18 @@ class Processes:
     """Executor with new processes, which inherit no state of this one."""
 
     def __init__(self, workers: int) -> None:
-        """Use this number of processes, at least 1."""
+        """Use the number `workers` of processes, at least 1."""
         self._workers = workers
 
     def outcomes(self, todo: Mapping[str, T], work: Callable[[T], R]) -> Iterator[tuple[str, R | Lost]]:
-        """Generate the results; `Lost` for a task with a process that died twice, the second time alone in it."""
+        """Generate key and result of each task as it ends.
+
+        `Lost` for a task with a process that died twice, the second time alone in it.
+
+        Args:
+            todo: tasks by key.
+            work: function of a task.
+        """
         rest = dict(todo)
         while rest:
             pool = _Pool(min(self._workers, len(rest)), work)
@@ -51,7 +58,7 @@ class _Pool(Generic[T, R]):
     """Pool of processes that lasts until one of them dies.
 
     Attributes:
-        under_way: keys of the pieces that had been handed over when a process died.
+        under_way: keys of the tasks that processes had when one of them died.
     """
 
     def __init__(self, workers: int, work: Callable[[T], R]) -> None:
@@ -59,7 +66,7 @@ class _Pool(Generic[T, R]):
         self._workers, self._work = workers, work
 
     def outcomes(self, todo: Mapping[str, T]) -> Iterator[tuple[str, R]]:
-        """Generate the results; incomplete if a process dies."""
+        """Generate key and result of the tasks `todo` as they end; incomplete if a process dies."""
         waiting = iter(list(todo.items()))
         running: dict[Future[R], str] = {}
         with _one_thread_each():

@@ -83,13 +83,16 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def manifest_bytes(manifest: Manifest) -> bytes:
-    """Text of `pack.json`, reproducible."""
+    """Return the content of `pack.json`; equal manifests give equal bytes."""
     text = msgspec.json.format(msgspec.json.encode(manifest, order="sorted"), indent=2)
     return text + b"\n"
 
 
 def read_manifest(data: bytes, where: str) -> Manifest:
-    """Parse a manifest with names that stay in their folders; InputError for anything else."""
+    """Parse the content of `pack.json`; `where`: name of the archive in messages.
+
+    InputError for other content, and for names outside of their folders.
+    """
     try:
         manifest = msgspec.json.decode(data, type=Manifest)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -108,7 +111,13 @@ def read_manifest(data: bytes, where: str) -> Manifest:
 
 
 def check_names(manifest: Manifest, where: str, so: str) -> None:
-    """InputError (ending with `so`) for invalid names, or two that some systems treat as one."""
+    """InputError for invalid names in a manifest, or two that some systems treat as one.
+
+    Args:
+        manifest: the manifest.
+        where: name of the archive or folder in messages.
+        so: end of the messages, the consequence or remedy.
+    """
     for folder, files in ((INPUTS, manifest.inputs), (OUTPUTS, manifest.outputs)):
         met: dict[str, str] = {}
         for file in files:
@@ -129,9 +138,10 @@ def key_of_name(name: str) -> str:
 
 
 def check_name(name: str, where: str, so: str) -> None:
-    """InputError (ending with `so`) for a name that leads out of its folder, or that other programs misread.
+    """InputError for a name that leads out of its folder, or that other programs misread.
 
-    Colons are allowed: names of recordings with a time contain them.
+    Colons are allowed: names of recordings with a time contain them. `where`: archive or folder, begin of the message;
+    `so`: its end.
     """
     parts = name.split("/")
     bad = (
@@ -142,7 +152,7 @@ def check_name(name: str, where: str, so: str) -> None:
 
 
 def lock_text(manifest: Manifest) -> bytes:
-    """Exact package versions in pip's format, Python's in a comment."""
+    """Return the exact package versions in pip's format, Python's in a comment."""
     packages = {name: version for name, version in manifest.versions.items() if name != "python"}
     lines = [f"# Python {manifest.versions.get('python', '?')}", f"occlog=={manifest.version}"]
     return "\n".join([*lines, *(f"{name}=={version}" for name, version in sorted(packages.items())), ""]).encode()
@@ -169,19 +179,22 @@ FAILURES = (
 
 
 class Packer:
-    """Writes an archive."""
+    """Writer of a reproducible zip archive into an open file."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        """Begin."""
+        """Create an empty archive in an open binary file."""
         self._zip = zipfile.ZipFile(file, "w")
         self._compressed = 0
 
     def bytes(self, name: str, data: bytes) -> None:
-        """Add a small file."""
+        """Add the file `name` with the content `data`."""
         self._zip.writestr(_info(name), data, compresslevel=6)
 
     def file(self, name: str, path: Path, entry: PackedFile) -> None:
-        """Add a file; InputError if it changed since it was checked."""
+        """Add the file at `path` under `name`.
+
+        `entry`: its size and SHA-256 when it was checked; InputError if it has changed.
+        """
         digest = hashlib.sha256()
         info = _info(name)
         info.file_size = entry.bytes
@@ -197,7 +210,7 @@ class Packer:
             raise InputError(f"{path}: changed while it was packed; pack the run again", id="file-changed")
 
     def close(self) -> None:
-        """Write the archive's index."""
+        """Write the archive's index; the file stays open."""
         self._zip.close()
 
 
@@ -262,7 +275,7 @@ def unpack(path: Path, folder: Path) -> Manifest:
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """The members by name; InputError for any that is no plain file inside the archive."""
+    """Return the members of an archive by name; InputError for any that is no plain file inside it."""
     infos = archive.infolist()
     if len(infos) > MAX_FILES:
         raise InputError(
@@ -312,7 +325,15 @@ def _check_space(path: Path, members: Mapping[str, zipfile.ZipInfo], folder: Pat
 def _copy(
     source: IO[bytes], target: Path, entry: PackedFile, where: str, remedy: str = "copy the archive again"
 ) -> None:
-    """Write a file of exactly the stated size and digest."""
+    """Write an open file to the new path `target`.
+
+    Args:
+        source: binary file.
+        target: its folders are created.
+        entry: expected size and SHA-256; InputError if the content differs.
+        where: name of the source in messages.
+        remedy: end of the message.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
     digest, size = hashlib.sha256(), 0
     with target.open("xb") as out:
@@ -327,7 +348,7 @@ def _copy(
 
 
 def take(source: Path, target: Path, entry: PackedFile) -> None:
-    """Copy a file that is not in the archive; InputError unless it matches the manifest."""
+    """Copy an input that is not in the archive to `target`; InputError unless it is as the manifest's entry states."""
     check_input(source, "an input of the packed run")
     with source.open("rb") as file:
         _copy(file, target, entry, str(source), "give the folder that has the inputs of this run: --inputs FOLDER")

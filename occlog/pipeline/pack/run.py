@@ -32,7 +32,7 @@ from .archive import (
 
 
 class Packed(NamedTuple):
-    """Summary of the pack."""
+    """Result of packing: manifest, and size of the archive in bytes."""
 
     manifest: Manifest
     size: int  # of the archive [bytes]
@@ -107,7 +107,10 @@ def pack_run(folder: Path, config: Path, output: Path, *, include: bool, overwri
 
 
 def inputs_of(config: Config, folder: Path) -> list[Path]:
-    """The configuration, and the files that stages read and no stage makes; absolute paths."""
+    """Return absolute paths of the configuration, and of the files that stages read and none makes.
+
+    `folder`: of the run; files in it are left out.
+    """
     path = config.path.parent.resolve() / config.path.name
     found, own = {path: None}, folder.resolve()
     for stage in plan(config, own):
@@ -133,7 +136,7 @@ def _check_relative(config: Config) -> None:
 
 
 def _check_unpackable(manifest: Manifest, folder: Path) -> None:
-    """InputError for names, or a number of files, that `unpack` would refuse."""
+    """InputError for names, or a number of files, that `unpack` would refuse; `folder`: the run, for messages."""
     check_names(manifest, str(folder), "rename it, run again, and pack")
     count = len({*manifest.members(), MANIFEST, LOCK})
     if count > MAX_FILES:

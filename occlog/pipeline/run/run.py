@@ -41,7 +41,7 @@ WAITING = "would run"
 
 @dataclass(frozen=True)
 class StageOutcome:
-    """Outcome of a stage, stored in `run.json`."""
+    """Outcome of a stage, as `run.json` stores it: key of its inputs and settings, exit code, hashes of its outputs."""
 
     key: str  # hash of everything that the outputs depend on
     code: int
@@ -49,7 +49,7 @@ class StageOutcome:
 
 
 class StageStep(NamedTuple):
-    """State of a finished stage."""
+    """Report on one stage of a run: what was done, exit code and outputs."""
 
     stage: str
     what: str  # "up to date", `WAITING` or "done"
@@ -61,11 +61,11 @@ class Digests:
     """Cache of file hashes; each file is read once unless it changes."""
 
     def __init__(self) -> None:
-        """Create an empty cache."""
+        """Create an empty cache of hashes of files."""
         self._known: dict[tuple[str, int, int], str] = {}
 
     def of(self, path: Path) -> str:
-        """SHA-256 of a file's content, in hexadecimal; InputError if unreadable."""
+        """Return the SHA-256 of a file's content, in hexadecimal; InputError if unreadable."""
         status = path.stat()
         key = (str(path), status.st_mtime_ns, status.st_size)
         if key not in self._known:
@@ -155,7 +155,16 @@ def do_stages(
 def _stages(
     wanted: Config, folder: Path, *, force: bool, dry_run: bool, begin: Callable[[str], None], noted: Collection[str]
 ) -> Iterator[StageStep]:
-    """Run the stages (`do_stages`) in an existing run folder."""
+    """Run the stages in an existing run folder, and generate a report on each, up to the first that fails.
+
+    Args:
+        wanted: the configuration.
+        folder: of the run.
+        force: redo stages that are up to date.
+        dry_run: run none, report which would be run.
+        begin: called with the name of a stage before it runs.
+        noted: names of stages whose notes are printed.
+    """
     state = outcomes(folder)
     if not dry_run and not (folder / STATE).exists():
         _write_state(folder, state)  # so that a run which is killed in its first stage leaves a run folder
@@ -191,9 +200,9 @@ def _stages(
 
 
 def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[RunStage]) -> None:
-    """Forget stages that the configuration no longer has, and delete their outputs.
+    """Remove stages that the configuration no longer has from `state`, in place, and delete their outputs.
 
-    Files changed since, or made by another stage now, are kept.
+    Files changed since, or made by another stage now, are kept. `stages`: those of the configuration.
     """
     made = {str(Path(p).relative_to(folder)) for stage in stages for p in stage.output_paths}
     for name in set(state) - {stage.name for stage in stages}:
@@ -202,7 +211,7 @@ def _drop_others(folder: Path, state: dict[str, StageOutcome], stages: Sequence[
 
 
 def _remove_outputs(folder: Path, older: StageOutcome, made: Collection[str]) -> None:
-    """Remove outputs of a stage from another configuration, except those made now."""
+    """Remove unchanged outputs of an older outcome of a stage, except those whose names are in `made`."""
     for file, digest in older.outputs.items():
         path = folder / file
         if file not in made and path.is_file() and hash_file(path) == digest:
@@ -219,12 +228,12 @@ def verdicts_of(files: Iterable[Path]) -> tuple[Verdict, ...]:
 
 
 def losses_of(files: Iterable[Path]) -> tuple[Loss, ...]:
-    """Losses recorded in tables, without duplicates."""
+    """Return the losses recorded in the Parquet tables among `files`, without duplicates."""
     return previous_losses(file for file in files if file.suffix == ".parquet")
 
 
 def worst(codes: Iterable[int]) -> int:
-    """Most severe of several exit codes after which the work continued."""
+    """Return the most severe of several exit codes after which the work continued."""
     codes = list(codes)
     for code in (ExitCode.THRESHOLD, ExitCode.LOSSY):
         if code in codes:
@@ -282,7 +291,7 @@ def _do(stage: RunStage) -> int:
 
 
 def key_of(stage: RunStage, folder: Path, digests: Digests) -> str:
-    """Hash of everything that the stage's outputs depend on: program, arguments, and content of the inputs.
+    """Return the hash of all that the stage's outputs depend on: program, arguments, and content of the inputs.
 
     Files are identified by name (relative path within a folder) and content, so that a run may be moved.
     """
@@ -312,7 +321,7 @@ def _is_current(outcome: StageOutcome, key: str, folder: Path) -> bool:
 
 
 def outcomes(folder: Path) -> dict[str, StageOutcome]:
-    """Outcomes of the stages in a run folder's state; empty in an empty folder.
+    """Return the outcomes of stages by name, from the state of a run folder; empty for an empty folder.
 
     Raises:
         UsageError: it is not a run folder.
@@ -350,7 +359,7 @@ def _is_outcome(outcome: StageOutcome, folder: Path) -> bool:
 
 
 def other_versions(folder: Path) -> str:
-    """Packages with other versions than those that made a run folder; "" if equal or unknown."""
+    """Return text on packages with other versions than those that made a run folder; empty if equal or unknown."""
     path = folder / STATE
     then = read_json(path).get("versions") if path.is_file() else None
     if not isinstance(then, dict):

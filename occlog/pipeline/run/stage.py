@@ -39,12 +39,12 @@ READS, SET, STRICT = "reader", "set", "strict"
 
 @dataclass(frozen=True)
 class RunStage:
-    """A request made from the keys of a configuration.
+    """Request that is made from the keys of a stage in a configuration.
 
     Attributes:
         name: of the stage.
         form: of the request.
-        values: by key, as the configuration has them; outputs included.
+        values: by key, as in the configuration; outputs included.
         output_paths: those of the values that are outputs.
     """
 
@@ -58,7 +58,7 @@ class RunStage:
         return [text for name, value in self.values.items() for text in (f"{name}:", *map(str, listed(value)))]
 
     def keys(self) -> list[str]:
-        """Keys that the stage accepts.
+        """Return the keys that the stage accepts.
 
         Raises:
             UsageError: a key names a missing plug-in.
@@ -135,12 +135,15 @@ class RunStage:
         return None if plugin is None else self._chosen(plugin)
 
     def _chosen(self, plugin: Plugin) -> Chosen:
-        """A plug-in with its settings."""
+        """Return a plug-in with its settings in the configuration."""
         entries = form_of_plugin(plugin).entries()
         return Chosen(plugin, {entry.of.name: self._read(entry) for entry in entries if self._has(entry)})
 
     def _read(self, entry: RequestEntry, kept: Path | None = None) -> object:
-        """Parse the value of a key to that of the request's field."""
+        """Return the value of a key in the type of the request's field; UsageError if it does not fit.
+
+        `kept`: file that replaces standard input (`-`); None: it stays.
+        """
         value, of = self.values[entry.key], entry.file
         if entry.plugged is not None:
             return tuple(self._chosen(plugin) for plugin in self._plugins(entry))
@@ -155,7 +158,7 @@ class RunStage:
         return tuple(zip(*(flat[n :: of.together] for n in range(of.together)), strict=True))
 
     def _settings(self) -> dict[str, str]:
-        """Values under `set`, as text by name."""
+        """Return the settings under the key `set`, as text by name; UsageError unless each is NAME=VALUE."""
         given = self.values.get(SET) or {}
         if isinstance(given, Mapping):
             return {str(name): ",".join(map(str, listed(value))) for name, value in given.items()}
@@ -166,7 +169,7 @@ class RunStage:
         return {name.strip(): value for name, _, value in parts}
 
     def _free(self) -> list[type[Settings]]:
-        """Settings classes to which `set` applies."""
+        """Return the settings classes to which the key `set` applies; empty if there are none."""
         free = self.form.set_group()
         return [] if free is None else [self.form.classes()[free[0]], *self.form.around]
 
@@ -195,7 +198,7 @@ class RunStage:
 
 @dataclass(frozen=True, kw_only=True)
 class _Plugged(Request):
-    """Settings of a plug-in."""
+    """Request that consists of the settings of a plug-in alone, to parse them."""
 
     own: Mapping[str, object] = group(None)
 
@@ -206,7 +209,10 @@ def form_of_plugin(plugin: Plugin) -> Form:
 
 
 def plugin_of(key: str, name: str, kind: str) -> Plugin:
-    """Plug-in of a name; UsageError, with the most similar name, if missing."""
+    """Return the plug-in of a name and kind; UsageError, with the most similar name, if missing.
+
+    `key`: of the configuration that names it, for the message.
+    """
     plugin = find(name, kind)
     if plugin is None:
         known = did_you_mean(name, (each.name for each in installed(kind)))
@@ -215,7 +221,7 @@ def plugin_of(key: str, name: str, kind: str) -> Plugin:
 
 
 def setting_of(entry: RequestEntry, value: object) -> object:
-    """Parse the YAML value of a setting; UsageError, which names the key, if invalid."""
+    """Return the YAML value of a setting in its type; UsageError, which names the key, if invalid."""
     spec, kind = declaration(entry.of), kind_of(entry.owner, entry.of.name)
     if plain_kind(kind) is bool:
         if not isinstance(value, bool):
@@ -234,7 +240,13 @@ def setting_of(entry: RequestEntry, value: object) -> object:
 
 
 def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path:
-    """Parse a path, or the number that may replace it."""
+    """Return the path that a value names, or the number that may replace it.
+
+    Args:
+        entry: field of the request.
+        value: of the key.
+        kept: file that replaces standard input (`-`); None: it stays.
+    """
     text = ",".join(map(str, listed(value)))
     if kept is not None and text == STANDARD_INPUT:
         return kept
@@ -251,7 +263,7 @@ def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path
 
 
 def listed(value: object) -> list[object]:
-    """Items of a value: `key=value` for a mapping, one item for a single value."""
+    """Return the items of a value: `key=value` for a mapping, one item for a single value."""
     if isinstance(value, Mapping):
         return [f"{k}={v}" for k, v in value.items()]
     return list(value) if isinstance(value, list | tuple) else [value]
@@ -296,6 +308,9 @@ def _beside(path: Path) -> Iterator[Path]:
 
 
 def name_of(file: Path, argument: str) -> str:
-    """Key of a file in `files_of`, independent of its location: its name, in a folder its relative path."""
+    """Return the key of a file in `files_of`, independent of its location: its name, in a folder its relative path.
+
+    `argument`: value of the configuration that names the file or the folder.
+    """
     folders = (path for path in places_of(argument) if path.is_dir() and file.is_relative_to(path))
     return next((file.relative_to(path).as_posix() for path in folders), file.name)

@@ -133,7 +133,7 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
 
 
 def _place(config: Config, stage: str, keys: tuple[str, ...]) -> str:
-    """Name of a stage's key, or of the top-level key that represents it."""
+    """Return the name of a stage's key (`keys`: path to it) for messages, or of the top-level key in its stead."""
     whole = keys[0] in config.values and keys[0] not in config.stage(stage)
     return config.at(*keys) if whole else config.at(stage, *keys)
 
@@ -214,7 +214,7 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
 def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[RunStage]:
     """Generate the stages for measurements in a table, or for directions in sound, which need no detection.
 
-    Without a scene the positions of arrays are unknown: directions are the result.
+    Without a scene the positions of arrays are unknown: directions are the result. `out`: paths of tables by name.
     """
     if "table" in config.values:
         measured = config.path.resolve().parent / str(config.values["table"])
@@ -287,7 +287,10 @@ def _measures(recording: McapRecording) -> bool:
 
 
 def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> tuple[Config, dict[str, Path]]:
-    """Remove the key for particles from a configuration, and add their table to the outputs of `track`."""
+    """Return the configuration without the key for particles, and the outputs of `track` with their table.
+
+    `tracked`: outputs of `track` so far; the table is added in a copy if the key is true. InputError for other values.
+    """
     values = config.stage("track")
     asked = values.pop(PARTICLES, False)
     if not isinstance(asked, bool):
@@ -303,7 +306,17 @@ def _with_particles(config: Config, folder: Path, tracked: dict[str, Path]) -> t
 def _overlay(
     config: Config, folder: Path, recording: Path, tracks: Path, inputs: dict[str, object]
 ) -> Iterator[RunStage]:
-    """Stage that draws tracks over the video of the recording; none if disabled, or without video."""
+    """Generate the stage that draws tracks over the video of the recording; none if disabled, or without video.
+
+    Args:
+        config: of the run.
+        folder: of the run.
+        recording: with the video.
+        tracks: table of tracks in images.
+        inputs: further inputs by key.
+
+    InputError if it is configured, but there is no video.
+    """
     if config.values.get(OVERLAY) is False:
         return
     if _has_video(config, recording):
@@ -327,7 +340,15 @@ def _of_everybody(config: Config) -> bool:
 def _everybody(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> Iterator[RunStage]:
-    """Generate the stages after detection if all people are tracked, in the world and in the images."""
+    """Generate the stages after detection if all people are tracked, in the world and in the images.
+
+    Args:
+        config: of the run.
+        folder: of the run.
+        recording: the recording.
+        out: paths of tables by name.
+        scene: input `scene`, or empty.
+    """
     found = {n: folder / f"{n}.parquet" for n in ("associations", "events", "view_tracks")}
     yield _stage(config, "track", {"output": out["tracks"], **found}, (str(out["views"]),), scene)
     inputs, shown, metrics = dict(scene), dict(scene), folder / "metrics.json"
@@ -408,7 +429,17 @@ def _has_video(config: Config, recording: Path) -> bool:
 def _priors(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> tuple[RunStage, str]:
-    """Stage that estimates priors of moving occluders, and the file for `track` (polygons if available)."""
+    """Return the stage that estimates priors of moving occluders, and the file for `track` (hulls if available).
+
+    Args:
+        config: of the run.
+        folder: of the run.
+        recording: the recording.
+        out: paths of tables by name.
+        scene: input `scene`, or empty.
+
+    InputError for an unknown source of priors.
+    """
     values = config.stage("priors")
     kind = values.get("source", "hull")
     if kind not in PRIORS:
@@ -425,7 +456,13 @@ def _priors(
 
 
 def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
-    """`truth`, and `views` if there are true boxes; a file in the configuration has priority."""
+    """Return the inputs `truth`, and `views` if there are true boxes; a file in the configuration has priority.
+
+    Args:
+        config: of the run.
+        recording: may hold true positions or boxes.
+        views: table of views.
+    """
     given = config.stage("evaluate").get("truth")
     if given is not None:
         return {"truth": str(given)}
@@ -440,7 +477,7 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
 
 
 def _held(recording: Path) -> tuple[bool, bool]:
-    """Whether a recording holds true positions, and true boxes."""
+    """Return whether a recording holds (true positions, true boxes)."""
     opened = open_recording(recording)
     return opened.has(Truth), opened.has(TruthBoxes)
 
@@ -497,7 +534,14 @@ def _stage(
 
 
 def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: Collection[str]) -> str:
-    """Remedy for an unknown key of a stage: the stage to which it belongs, or the most similar key."""
+    """Return the remedy for an unknown key of a stage: where it belongs, or the most similar key.
+
+    Args:
+        stage: the stage.
+        verb: its requests.
+        key: the unknown key.
+        known: keys that the stage has.
+    """
     if stage.without_key(key):
         return f"it is a setting; give it under set: `set: {{{key}: ...}}`"
     kinds = verb.kinds.items() if isinstance(verb, Verb) else ()
@@ -508,7 +552,10 @@ def _hint(stage: RunStage, verb: type[Request] | Verb | Verbs, key: str, known: 
 
 
 def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
-    """Keys that a stage can have, over all kinds of its command; empty for a plug-in, which has its own."""
+    """Return the keys that a stage can have, over all kinds of its command that `values` (of the stage) leave open.
+
+    Empty for a plug-in, which has its own.
+    """
     verb = load(COMMANDS["report" if stage == OVERLAY else stage].where)
     by: tuple[str, ...] = ()
     if isinstance(verb, Verbs):
@@ -528,11 +575,11 @@ def known_keys(stage: str, values: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, object]) -> Form:
-    """Form of a command's request selected by the values.
+    """Return the form of a command's request, selected by the values of the configuration.
 
     Args:
-        verb: as it is declared.
-        name: of the verb, where several have one name.
+        verb: its request class or classes, as declared.
+        name: of the command, if several have one name.
         values: by key.
 
     Raises:

@@ -61,7 +61,7 @@ class ChoiceLine(NamedTuple):
     change: str = ""
 
     def __str__(self) -> str:
-        """Format for people."""
+        """Return the line as it is printed: the choice, and in brackets the option that changes it."""
         return f"{self.text}  [{self.change}]" if self.change else self.text
 
 
@@ -84,33 +84,36 @@ class Choices:
     lines: list[ChoiceLine] = field(default_factory=list)
 
     def say(self, text: str, change: str = "") -> None:
-        """Add a line about a choice."""
+        """Add a line about a choice; `change`: option that changes it, empty: none."""
         self.lines.append(ChoiceLine(text, change))
 
     def has(self, stage: str, key: str) -> bool:
-        """Whether the user sets a key."""
+        """Whether the user sets the key of the stage."""
         return key in self.given.get(stage, {})
 
     def put(self, stage: str, key: str, value: object) -> None:
-        """Set a key that is certain."""
+        """Set the key of the stage to `value`, without a line about it."""
         self.values.setdefault(stage, {})[key] = value
 
     def guess(self, stage: str, key: str, value: object, text: str) -> None:
-        """Set a key unless the user sets it, with a line and the option that changes it."""
+        """Set the key of the stage to `value` unless the user sets it; add the line `text` with the option for it."""
         if not self.has(stage, key):
             self.put(stage, key, value)
             self.say(text, f"--set {stage}{'.' if stage else ''}{key}=...")
 
     def value(self, stage: str, key: str) -> object:
-        """Value of a key (of the user, or chosen); None if not set."""
+        """Return the value of the key of the stage (of the user, or chosen); None if not set."""
         return self.given.get(stage, {}).get(key, self.values.get(stage, {}).get(key))
 
     def shown(self, path: Path) -> str:
-        """Path as the user named it."""
+        """Return a path as the user knows it: relative to a source folder, else as given."""
         return shown(path, self.sources)
 
     def only(self, items: Sequence[Item], what: str) -> Item:
-        """The first of some items; a line lists the others, which are not used."""
+        """Return the first of some items, a stated one before others; a line lists the others, which are not used.
+
+        `what`: words for the items in the line.
+        """
         first, *others = sorted(items, key=lambda item: not item.stated)
         for other in others:
             self.found.drop(other, f"a second {what}")
@@ -305,7 +308,7 @@ def _times() -> set[str]:
 
 
 def _guess_size(made: Choices, opened: OpenedBoxes) -> None:
-    """Image size for calibrations that do not state it: that of all boxes, if unique."""
+    """Set the image size for calibrations that do not state it, if all boxes have the same."""
     if made.has("ingest", "image_size") or not any(
         item.words.removeprefix("calibration, ") in WITHOUT_SIZE for item in made.found.of(FileKind.CALIBRATION)
     ):
@@ -320,13 +323,13 @@ def _guess_size(made: Choices, opened: OpenedBoxes) -> None:
 
 
 class OpenedBoxes(NamedTuple):
-    """Readable box files, with their content."""
+    """Readable box files, with a survey of the content of each."""
 
     files: dict[Item, BoxSurvey]
 
     @property
     def cameras(self) -> list[str]:
-        """Names of all cameras."""
+        """Names of the cameras of all files, in order."""
         return list(dict.fromkeys(name for each in self.files.values() for name in each.cameras))
 
 
@@ -392,7 +395,7 @@ Group = tuple[Item, ...]
 
 
 class OpenedCalibration(NamedTuple):
-    """A calibration that was read."""
+    """Calibration that was read, with the files that it is in."""
 
     items: Group
     file: CalibrationFile
@@ -445,7 +448,10 @@ def _size(value: object) -> tuple[int, int] | None:
 def _choose_calibration(
     made: Choices, groups: Sequence[OpenedCalibration], names: Sequence[str], _items: Mapping[Path, Item]
 ) -> OpenedCalibration | None:
-    """Choose the calibration with most of the cameras; others are excluded."""
+    """Return the calibration with most of the cameras `names`, or a stated one; the files of others are excluded.
+
+    None if there is none, or the user sets it.
+    """
     if made.has("ingest", "calibration") or not groups:
         return None
     ranked = sorted(groups, key=lambda g: (not any(i.stated for i in g.items), -_common(names, g.file)))
@@ -465,7 +471,7 @@ def _choose_calibration(
 
 
 def _common(names: Sequence[str], file: CalibrationFile) -> int:
-    """Number of cameras with data that a calibration has."""
+    """Return how many of the cameras `names` a calibration has."""
     known = [camera.name for camera in file.cameras]
     return sum(_same(name, known) is not None for name in names)
 
@@ -478,7 +484,16 @@ def _same(name: str, known: Sequence[str]) -> str | None:
 
 
 def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence[str], scene: bool) -> dict[str, str]:
-    """Name in use of each camera, by its own name; cameras without a calibration are omitted, unless `scene`."""
+    """Return the name in use of each camera, by its name in the data.
+
+    Args:
+        made: choices, which get lines, and lose files of cameras that are left out.
+        calibration: gives the names in use; None: those of the data.
+        names: of the cameras with data.
+        scene: true: cameras without a calibration stay.
+
+    InputError if no camera is in the calibration.
+    """
     if calibration is None:
         return {name: name for name in names}
     known = [camera.name for camera in calibration.file.cameras]
@@ -520,7 +535,14 @@ def _path_of(made: Choices, name: str) -> str:
 
 
 def _put_boxes(made: Choices, boxes: Sequence[Item], opened: OpenedBoxes, renamed: Mapping[str, str]) -> None:
-    """Choose the box files, with the class of people."""
+    """Set the box files, with the class of people, and add a line for each.
+
+    Args:
+        made: the choices.
+        boxes: files.
+        opened: their content.
+        renamed: name in use by name in the data; others are left out.
+    """
     own: list[object] = []
     used = [item for item in boxes if item in made.found.items and set(opened.files[item].cameras) & set(renamed)]
     for item in used:
@@ -541,7 +563,10 @@ def _put_boxes(made: Choices, boxes: Sequence[Item], opened: OpenedBoxes, rename
 
 
 def _choose_class(made: Choices, used: Sequence[Item], opened: OpenedBoxes) -> None:
-    """Choose the class of people if boxes have several classes."""
+    """Set the class of people if boxes have several; InputError if none of them is known to be that.
+
+    `used`: box files; `opened`: their content.
+    """
     if made.has("ingest", "class"):
         return
     found: Counter[tuple[str, ...]] = Counter()
@@ -594,7 +619,7 @@ def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
 
 
 def _put_scene(made: Choices, stage: str) -> bool:
-    """Choose the scene file; return whether it has cameras."""
+    """Set the scene file of the stage, if there is one; return whether it has cameras (or the user sets it)."""
     scenes = made.found.of(FileKind.SCENE)
     if not scenes or made.has(stage, "scene"):
         return made.has(stage, "scene")
@@ -607,7 +632,13 @@ def _put_scene(made: Choices, stage: str) -> bool:
 
 
 def _rates(made: Choices, opened: OpenedBoxes, renamed: Mapping[str, str]) -> None:
-    """Choose frame rates if files do not state times."""
+    """Set times or frame rates for files that do not state them; InputError if these are missing or ambiguous.
+
+    Args:
+        made: the choices.
+        opened: box files.
+        renamed: name in use by name in the data.
+    """
     if times := made.found.of(FileKind.TIMES):
         made.put("ingest", "timestamps", [item.path for item in times])
         for item in times:
@@ -668,7 +699,14 @@ OURS = (".parquet", ".arrow", ".feather")
 
 
 def _put_truth(made: Choices, opened: OpenedBoxes | None, *, framed: bool, cameras: tuple[str, ...] = ()) -> None:
-    """Choose the ground truth, for the recording or for `evaluate`."""
+    """Set the ground truth, for the recording or for `evaluate`.
+
+    Args:
+        made: the choices.
+        opened: box files; None: there are none.
+        framed: frames are counted, so that their first numbers are compared.
+        cameras: names in use; true boxes of others are left out.
+    """
     items = made.found.of(FileKind.TRUTH)
     direct = [item for item in items if item.path.suffix.lower() in OURS or "TUM" in item.words or "Geo" in item.words]
     own: list[object] = []
@@ -692,7 +730,7 @@ def _put_truth(made: Choices, opened: OpenedBoxes | None, *, framed: bool, camer
 
 
 def _names_cameras(path: Path) -> bool:
-    """Whether a table has a camera column."""
+    """Whether a table has a column of cameras, or the path is a folder."""
     from occlog.io.formats.boxes.columns import COLUMNS
 
     try:
@@ -702,7 +740,10 @@ def _names_cameras(path: Path) -> bool:
 
 
 def _first_numbers(made: Choices, opened: OpenedBoxes, truths: Iterable[Path]) -> None:
-    """Align frame numbers if boxes count frames from 1 and true positions from 0, or vice versa."""
+    """Set first frame numbers if boxes count frames from 1 and true positions from 0, or vice versa.
+
+    `opened`: box files; `truths`: files of the truth.
+    """
     if made.has("ingest", "first_number") or made.has("ingest", "truth_first_number"):
         return
     free = [s for s in opened.files.values() if not any("MOT" in kind or "CVAT" in kind for kind in s.kinds)]
@@ -719,7 +760,7 @@ def _first_numbers(made: Choices, opened: OpenedBoxes, truths: Iterable[Path]) -
 
 
 def _truth_of_evaluation(made: Choices, held: bool) -> None:
-    """Choose a table of true positions for `evaluate`."""
+    """Set a table of true positions for `evaluate`; `held`: the recording has a truth, which is not used then."""
     items = made.found.of(FileKind.TRUTH)
     if items and not made.has("evaluate", "truth"):
         item = made.only(items, "ground truth")
@@ -806,7 +847,7 @@ def _has_sensors(item: Item) -> bool:
 
 
 def _array_names(made: Choices, tables: Sequence[Item]) -> list[str]:
-    """Array names in tables and scene."""
+    """Return the names of the microphone arrays in the tables and in the scene, without duplicates."""
     from occlog.io.formats.sound.formats import read_arrays
     from occlog.io.open import scene_in
 
@@ -818,7 +859,7 @@ def _array_names(made: Choices, tables: Sequence[Item]) -> list[str]:
 
 
 def _of_sound(made: Choices) -> None:
-    """Choose sound files of microphone arrays."""
+    """Set the inputs of a run on sound files of microphone arrays; InputError without positions of the microphones."""
     found = made.found
     sounds, tables, scenes = found.of(FileKind.SOUND), found.of(FileKind.MICROPHONES), found.of(FileKind.SCENE)
     if not tables and not scenes and not made.given.get("listen"):
@@ -884,7 +925,7 @@ def _of_table(made: Choices) -> None:
 
 
 def _need_deviations(made: Choices, item: Item) -> None:
-    """InputError that asks for standard deviations missing in an external table."""
+    """InputError that asks for the standard deviation of a column of an external table which states none."""
     from occlog.io.open import open_if_ours
     from occlog.records.declared.sensors import VALUES
 
@@ -916,7 +957,7 @@ def _method(made: Choices, what: str) -> None:
 
 
 def _rest(made: Choices) -> None:
-    """Mark the items used by no choice."""
+    """Exclude the inputs that no choice uses, with a reason."""
     text = " ".join(map(str, _flat(made.values))) + " ".join(map(str, _flat(made.given)))
     for item in list(made.found.items):
         if str(item.path) not in text and item.kind is not FileKind.SEQUENCE:

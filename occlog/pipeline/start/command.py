@@ -27,7 +27,11 @@ from occlog.cli import options
     help="A key of the configuration, e.g. ingest.fps=25 or track.method=jipda; may be repeated.",
 )
 @click.option("--write-only", is_flag=True, help="Write the configuration, and stop.")
-@options.overwrite_opt
+@click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Replace a run.yaml with other content in the run folder; an equal one is continued without this option.",
+)
 @options.strict_opt
 @options.quiet_opt
 @options.json_opt

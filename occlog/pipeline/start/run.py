@@ -89,7 +89,7 @@ def _summary(made: Choices) -> dict[str, object]:
 
 
 def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
-    """Parse settings to keys by stage; top-level keys are under "".
+    """Return the keys in the `texts` STAGE.KEY=VALUE of `--set` by stage; top-level keys are under "".
 
     Raises:
         UsageError: a text is not `STAGE.KEY=VALUE`.
@@ -118,7 +118,10 @@ def read_settings(texts: Sequence[str]) -> dict[str, dict[str, object]]:
 
 
 def as_text(made: Choices, unused: Sequence[str], folder: Path) -> str:
-    """Text of the configuration with its choices as comments; paths are relative to the run folder."""
+    """Return the YAML text of the configuration, with its choices as comments; paths are relative to the run folder.
+
+    `unused`: lines about inputs that are not used.
+    """
     stages = list(dict.fromkeys([*made.values, *made.given]))
     values: dict[str, object] = {"occlog_run": 1}
     whole = {**made.values.get("", {}), **made.given.get("", {})}
@@ -133,7 +136,7 @@ def as_text(made: Choices, unused: Sequence[str], folder: Path) -> str:
 
 
 def _relative(given: Mapping[str, object]) -> dict[str, object]:
-    """User values with existing files converted to paths."""
+    """Return a copy of the values `given` by the user with texts that name existing files converted to paths."""
     return {key: Path(v) if isinstance(v, str) and Path(v).exists() else v for key, v in given.items()}
 
 

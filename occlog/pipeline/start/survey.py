@@ -68,7 +68,7 @@ class Item(NamedTuple):
 
 @dataclass
 class Survey:
-    """Survey result: items by kind, and unused files with the reason."""
+    """Result of a survey: usable items, and paths that are not used with the reason."""
 
     items: list[Item] = field(default_factory=list)
     unused: list[tuple[Path, str]] = field(default_factory=list)
@@ -78,7 +78,7 @@ class Survey:
         return [item for item in self.items if item.kind in kinds]
 
     def drop(self, item: Item, reason: str) -> None:
-        """Exclude an item, with the reason."""
+        """Move an item to the unused inputs, with the reason."""
         self.items.remove(item)
         self.unused.append((item.path, reason))
 
@@ -89,7 +89,7 @@ class Survey:
 
 
 def read_stated(texts: Sequence[str], sources: Sequence[Path]) -> dict[Path, Stated]:
-    """Parse statements `PATH=KIND[:NAME]`; the path as given, or below a source.
+    """Return the statements in `texts`, `PATH=KIND[:NAME]`, by resolved path; the path as given, or below a source.
 
     Raises:
         UsageError: a path does not exist, or a kind is unknown.
@@ -131,7 +131,16 @@ def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
 
 
 def _look(path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]) -> None:
-    """Add the possible kinds of a path to the result, including folders within it."""
+    """Add what a path may be to `found`, and inspect the entries of a folder.
+
+    Args:
+        path: file or folder.
+        root: source that the user named.
+        depth: number of folders between both.
+        stated: kinds that the user states, by resolved path.
+        found: updated in place.
+        seen: resolved paths that were inspected; updated in place.
+    """
     own = path.resolve()
     if own in seen or (depth and path.name.startswith(".")):
         return
@@ -166,7 +175,16 @@ CLOSED = (FileKind.CALIBRATION, FileKind.TRUTH)
 def _look_into(
     path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], found: Survey, seen: set[Path]
 ) -> None:
-    """Inspect the entries of a folder; pictures and labels of frames are represented by the folder."""
+    """Inspect the entries of a folder; pictures and labels of frames are represented by the folder.
+
+    Args:
+        path: the folder.
+        root: source that the user named.
+        depth: number of folders between both.
+        stated: kinds that the user states, by resolved path.
+        found: updated in place.
+        seen: resolved paths that were inspected; updated in place.
+    """
     if depth >= DEEPEST:
         found.unused.append((path, f"more than {DEEPEST} folders deep"))
         return
@@ -206,7 +224,7 @@ def _item(path: Path, root: Path, contents: Sequence[FileContent], stated: State
 
 
 def name_of(path: Path, root: Path) -> str:
-    """Sensor name stated by a path: of the file, or of the nearest folder with a meaningful name."""
+    """Return the sensor name that a path states: of the file, or of the nearest folder with a meaningful name."""
     for each in (path, *path.parents):
         stem = each.name if each.is_dir() else each.name.split(".")[0]
         stem = _ENDING.sub("", stem)
@@ -219,7 +237,7 @@ def name_of(path: Path, root: Path) -> str:
 
 
 def shown(path: Path, sources: Sequence[Path]) -> str:
-    """Path as the user knows it: relative to a source folder, else as given."""
+    """Return a path as the user knows it: relative to the one of `sources` that it is in, else as given."""
     for source in sources:
         if source.is_dir() and path != source and path.is_relative_to(source):
             return path.relative_to(source).as_posix()
@@ -227,7 +245,10 @@ def shown(path: Path, sources: Sequence[Path]) -> str:
 
 
 def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
-    """Return one text line per reason why inputs are unused, with the first paths concerned."""
+    """Generate a line for each reason why inputs are unused, with the first paths concerned.
+
+    `sources`: folders that the user named, to which paths are relative.
+    """
     reasons: dict[str, list[str]] = {}
     for path, reason in found.unused:
         reasons.setdefault(reason, []).append(shown(path, sources))
@@ -237,5 +258,5 @@ def unused_lines(found: Survey, sources: Sequence[Path]) -> Iterator[str]:
 
 
 def counts(found: Survey) -> Counter[FileKind]:
-    """Number of items of each kind."""
+    """Return the number of items of each kind."""
     return Counter(item.kind for item in found.items)

@@ -33,7 +33,7 @@ Trial = Callable[[Spec], Result]
 
 
 def key_of(spec: Spec, run: Trial = run_trial) -> str:
-    """Hash that identifies a trial: program version, function, and description."""
+    """Return the hash that identifies a trial: of program version, function `run` and specification."""
     text = json.dumps([__version__, run.__module__, run.__qualname__, spec], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -45,7 +45,7 @@ class Store:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Read the file if there is one; InputError for a file of another kind."""
+        """Read the file `path` if there is one (None: keep results in memory); InputError for another kind of file."""
         self.results: dict[str, dict[str, float]] = {}
         self._path = path
         self._file: BufferedWriter | None = None
@@ -70,7 +70,10 @@ class Store:
         self._good = data.rfind(b"\n") + 1
 
     def __enter__(self) -> Store:
-        """Open the file for writing."""
+        """Open the file of the results for writing, drop an incomplete last line, and return the store.
+
+        OutputError if it cannot be written; another sweep may not use it at the same time.
+        """
         if self._path is not None:
             try:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -117,7 +120,7 @@ class TrialOutcome(NamedTuple):
 
 
 class TrialError(OcclogError):
-    """Some trials failed; the others are stored."""
+    """Error that states which trials failed; the results of the others are stored."""
 
 
 def run_all(
@@ -172,7 +175,7 @@ def run_all(
 
 
 def attempt(spec: Spec, run: Trial) -> TrialOutcome:
-    """Run a trial; an error is returned rather than raised."""
+    """Return the outcome of run(spec): figures, or the message of an OcclogError, which is not raised."""
     try:
         return TrialOutcome(run(spec), None)
     except OcclogError as error:

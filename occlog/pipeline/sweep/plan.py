@@ -31,7 +31,7 @@ MAX_TRIALS = 1_000_000
 
 
 class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """A sweep file."""
+    """Content of a sweep file: scene, settings of all trials, and those that vary."""
 
     occlog_sweep: Annotated[Literal[1], Meta(description="version of this format")]
     scene: Annotated[str, Meta(description="scene file, next to the sweep file")]
@@ -69,7 +69,13 @@ def read_sweep(path: Path) -> SweepSpec:
 
 
 def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> None:
-    """Check the settings before any trial runs; InputError with the line of the file."""
+    """Check the values of all settings before any trial runs; InputError with the line of the file.
+
+    Args:
+        path: of the sweep file.
+        spec: its content.
+        settings: combinations that are run.
+    """
     lines, checked = lines_of(path), set[str]()
     cases = spec.cases or [{}]
     for number, setting in enumerate(settings):
@@ -96,7 +102,14 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
 
 
 def _check_value(part: str, method: str, name: str, value: object) -> None:
-    """Check the value of a setting of one part of a trial."""
+    """Check one value; UsageError if it is not allowed.
+
+    Args:
+        part: part of a trial, for example `track`.
+        method: tracking method, for that part.
+        name: of the setting.
+        value: to check.
+    """
     if part == "priors":
         _check_priors(name, value)
         return
@@ -121,7 +134,14 @@ def _check_priors(name: str, value: object) -> None:
 
 
 def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, str]:
-    """Position of a trial's value in the file: for messages, and as a key of `lines_of`."""
+    """Return the position of a trial's value in the file: for messages, and as a key of `lines_of`.
+
+    Args:
+        spec: content of the file.
+        case: index of the case.
+        name: part and setting, as `track.particles`.
+        value: by which the position in a list is found.
+    """
     if name in spec.vary:
         return f"vary.{name}", f"$.vary.{name}[{spec.vary[name].index(value)}]"
     if spec.cases and name in spec.cases[case]:
@@ -196,7 +216,10 @@ def _put(trial: dict[str, object], name: str, value: object) -> None:
 
 
 def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
-    """Names of the cameras in use; a number selects the first ones of the order."""
+    """Return the names of the cameras in use; a number as `value` selects the first ones of the order.
+
+    None: all cameras. InputError for other values.
+    """
     if value is None or isinstance(value, list):
         return value
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= len(order):

@@ -113,7 +113,10 @@ def _make(folder: Path) -> None:
 
 
 def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
-    """Check that the folder holds no other sweep, unless it may be replaced."""
+    """Check that the folder holds no other sweep than `made`; with `overwrite` remove its results.
+
+    `made`: what identifies the sweep, written into the folder.
+    """
     marker = folder / MADE
     if marker.exists() and msgspec.json.decode(msgspec.json.encode(read_json(marker))) == msgspec.to_builtins(made):
         return
@@ -137,14 +140,14 @@ class Summary(NamedTuple):
 
 
 class SummaryRow(NamedTuple):
-    """Statistics of one figure of one setting."""
+    """Statistics of one figure over the runs of one setting."""
 
     label: Row  # the varied values by name
     figure: str
     summary: Summary
 
     def as_row(self) -> Row:
-        """The row as it is written."""
+        """Return the row as it is written: varied values, figure, statistics."""
         return {**self.label, "figure": self.figure, **self.summary._asdict()}
 
 
@@ -170,7 +173,10 @@ def summarise(values: Sequence[float]) -> Summary:
 
 
 def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:
-    """A row for each trial: varied values, run and figures."""
+    """Return a row for each trial: varied values, run and figures.
+
+    `results`: figures of all trials, in the order of the settings and their runs.
+    """
     rows, index = [], 0
     for setting in settings:
         for trial in setting.trials:
@@ -180,7 +186,10 @@ def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float
 
 
 def summary_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[SummaryRow]:
-    """A row for each setting and figure: n, mean, sd, se and 95 % confidence interval of the mean."""
+    """Return a row for each setting and figure: n, mean, sd, se and 95 % confidence interval of the mean.
+
+    `results`: figures of all trials, in the order of the settings and their runs.
+    """
     rows: list[SummaryRow] = []
     index = 0
     for setting in settings:
@@ -197,7 +206,7 @@ def _label(setting: Setting) -> Row:
 
 
 def to_text(rows: Sequence[SummaryRow], figures: Sequence[str]) -> str:
-    """Format a table: a line per setting, with mean and half-width of the confidence interval of some figures."""
+    """Return a table as text: a line per setting, with mean and half-width of the confidence interval of `figures`."""
     lines: dict[tuple[object, ...], dict[str, str]] = {}
     for row in rows:
         label, found = {k: str(v) for k, v in row.label.items()}, row.summary

@@ -58,7 +58,7 @@ def run_trial(spec: Spec) -> dict[str, float]:
     Args:
         spec: `scene` (YAML text), `seed`, `run`; optional `simulate` (fields of `WorldConfig`),
             `observe` (of `ObserveConfig`), `priors` (`kind` none, known or kalman, with
-            `sigma` of the virtual measurements and `q` of the motion), `track` (`method` and
+            `measurement_noise` and `process_noise_velocity` for kalman), `track` (`method` and
             its settings), `cameras` (names of those to use), `select` (fields of
             `SelectConfig`), `skip` (estimates skipped at the start).
 
@@ -103,7 +103,7 @@ def _check(spec: Spec) -> None:
 
 
 def _seed(seed: int, run: int) -> int:
-    """Seed of a run."""
+    """Return the seed of the run with this number, derived from the seed of all runs."""
     return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint32)[0])
 
 
@@ -138,7 +138,10 @@ def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
 
 
 def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
-    """RMS distance of the priors' means from the true occluder positions; NaN if their numbers differ, or are 0."""
+    """Return the RMS distance of the priors' means from the true occluder positions.
+
+    NaN without priors, or if the numbers of rows differ.
+    """
     if occluders is None or not len(occluders):
         return float("nan")
     true = truth.take(truth.role == "occluder")
@@ -152,7 +155,11 @@ def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
 
 
 def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str, float]:
-    """Errors of the estimates of target 0, without the first `skip` times."""
+    """Return RMSE, mean and largest error of the estimates of target 0, without the first `skip` times.
+
+    Also `lost`, the share of errors above a fifth of the diagonal of the surroundings, and the number of estimates.
+    InputError if no estimate is left, or at times that the truth does not have.
+    """
     true = truth.take(truth.target_id == 0)
     own = tracks.take(tracks.target_id == 0)
     index = np.searchsorted(true.t_ns, own.t_ns)

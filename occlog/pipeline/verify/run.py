@@ -47,7 +47,7 @@ class Verified(NamedTuple):
         return ExitCode.DONE if explained and not self.different else ExitCode.DIFFERENT
 
     def in_words(self) -> str:
-        """Conclusion as a sentence."""
+        """Return the conclusion as a sentence: what differs, why, and the remedy."""
         if not self.alike and not self.different:
             return "made again to the same bytes"
         if not self.versions:
@@ -97,7 +97,7 @@ def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]
 
 
 def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: Path) -> None:
-    """Copy the inputs that the archive only references."""
+    """Copy the inputs that the archive only references from `inputs` to `folder`; UsageError if `inputs` is None."""
     for file in manifest.inputs:
         if not file.included:
             if inputs is None:
@@ -109,7 +109,16 @@ def _add_inputs(archive: Path, manifest: Manifest, inputs: Path | None, folder: 
 
 
 def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[str], None]) -> list[StageStep]:
-    """Run all stages; InputError for a configuration with files outside of, or missing in, the archive."""
+    """Run all stages of the unpacked archive, and return a report on each.
+
+    Args:
+        manifest: of the archive.
+        folder: where it was unpacked.
+        made: run folder to write.
+        begin: called with the name of a stage before it runs.
+
+    InputError for a configuration with files outside of, or missing in, the archive.
+    """
     config = read_config(folder / INPUTS / manifest.config)
     unused = {(folder / INPUTS / file.path).resolve() for file in manifest.inputs} - {config.path.resolve()}
     for stage in plan(config, made):
@@ -157,7 +166,7 @@ def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
 
 
 def _first(part: DiffResult) -> str:
-    """Description of the first difference of two files."""
+    """Return the description of the first difference of two files."""
     first = part.first or part.schema[0]
     values = f": {first.a} is now {first.b}" if first.a is not None or first.b is not None else ""
     return f"{first.kind} {first.location}{values}" + (f" ({first.column})" if first.column else "")

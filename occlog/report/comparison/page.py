@@ -153,7 +153,7 @@ def _when(seconds: float | None) -> str:
 
 
 def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[str, object]:
-    """Summary: files written, whether the runs differ, divergences and identity changes."""
+    """Return the summary of the command: files written, whether the runs differ, divergences, identity changes."""
     first, truth = found.partings.first, found.against_truth
     out: dict[str, object] = {"page": request.output}
     out |= {} if request.markdown is None else {"markdown": request.markdown}
@@ -180,14 +180,14 @@ def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[
 
 
 def _figure(row: ComparisonRow) -> dict[str, object]:
-    """Values of a figure in both runs."""
+    """Return the values of a figure in both runs, its difference with interval and p, and the verdict."""
     d = row.found
     values = {"a": d.a, "b": d.b, "difference": d.difference, "low": d.low, "high": d.high, "p": row.holm}
     return {name: value for name, value in values.items() if math.isfinite(value)} | {"verdict": row.verdict}
 
 
 def _step(found: RunComparisonPage, step: RunComparisonStep) -> dict[str, object]:
-    """Known values of a time step."""
+    """Return time, tracks and distance of a time step, as far as known."""
     values: dict[str, object] = {"seconds": (step.t_ns - found.time.start_ns) / NS, "t_ns": step.t_ns}
     values |= {name: label for name, label in (("a", step.a), ("b", step.b)) if label is not None}
     return values | ({"distance": step.distance} if math.isfinite(step.distance) else {})

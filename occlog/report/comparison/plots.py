@@ -85,7 +85,7 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
 
 
 def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifeline]) -> None:
-    """Draw two bars for each person, A above B; the colour changes with the track."""
+    """Draw two bars for each person, of run A above B; the colour changes with the track."""
     axes = figure.add_subplot()
     for index, life in enumerate(lives):
         for letter, pieces, offset in (("A", life.a, 0.21), ("B", life.b, -0.21)):
@@ -104,7 +104,7 @@ def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifelin
 
 
 def _bar(axes: Axes, time: TimeAxis, pieces: Sequence[Piece], y: float) -> None:
-    """Draw the intervals of one person in one run, with track numbers where they fit."""
+    """Draw the intervals of one person in one run at the ordinate y, with track numbers where they fit."""
     tracks = list(dict.fromkeys(piece.track for piece in pieces))
     for before, piece in zip((None, *pieces), pieces, strict=False):
         start, end = time.of(np.array([piece.start_ns, piece.end_ns])).tolist()
@@ -134,7 +134,7 @@ class CommonMoments(ReplaySteps):
 
     @cached_property
     def kept(self) -> Ints:
-        """(M,) the times that are kept."""
+        """Times (M,) that the page shows [ns]."""
         return self.common
 
     @cached_property
@@ -208,7 +208,10 @@ def name_of(person: Any) -> str:
 
 
 def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
-    """Drawn tables of a run: estimates in the common frames, and occluder priors."""
+    """Return the tables of a run that are drawn: estimates at the common times (M,), and occluder priors.
+
+    `truth`: drawn too; None: there is none.
+    """
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
         side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, gathered=None
@@ -216,7 +219,7 @@ def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
 
 
 def _both(a: Floats, b: Floats) -> Floats:
-    """(2, 2) corners of the bounding box of both plans."""
+    """Return the corners (2, 2), low and high, of the bounding box of the plans `a` and `b` with such corners."""
     return np.array([np.minimum(a[0], b[0]), np.maximum(a[1], b[1])])
 
 
@@ -240,12 +243,12 @@ def _partners(found: RunComparisonPage, steps: ReplaySteps) -> Any:
 
 
 def _most(values: np.ndarray, frames: Ints) -> np.ndarray:
-    """(M,) maximum since the previous kept frame."""
+    """Return the maxima (M,) of `values` (F,) since the previous kept frame; `frames` (M,) are the kept ones."""
     return np.asarray(np.maximum.reduceat(values, np.concatenate([[0], frames[:-1] + 1])))
 
 
 def _changes(found: RunComparisonPage, start: int) -> list[float]:
-    """Times [s] of identity changes in either run, evenly thinned if there are many."""
+    """Return the times of identity changes in either run [s] after `start` [ns], evenly thinned if there are many."""
     changes = [change for each in followed(found) for change in each.changes]
     times = np.unique(np.array([change.t_ns for change in changes], dtype=np.int64))
     some = times[np.unique(np.linspace(0, len(times) - 1, min(len(times), MAX_EVENTS)).round().astype(int))]

@@ -57,7 +57,7 @@ class ReportRun(NamedTuple):
 
 
 def names_of(a: Path, b: Path) -> tuple[str, str]:
-    """Names of two runs: the ends of their paths that distinguish them."""
+    """Return names of two runs: the shortest ends of their paths that distinguish them."""
     ways = []
     for path in (a, b):
         whole = Path(os.path.abspath(path))  # noqa: PTH100  # links keep their names
@@ -88,7 +88,10 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
 
 
 def open_run(name: str, paths: PageRequest) -> ReportRun:
-    """Open all files of a run; InputError if it has no estimates, or too many."""
+    """Open all files of the run `name`; InputError if it has no estimates, or more than `MAX_ROWS`.
+
+    `paths`: request of a page of the run.
+    """
     file = paths.tracks
     assert file is not None
     opened = open_input(file)
@@ -107,7 +110,7 @@ def open_run(name: str, paths: PageRequest) -> ReportRun:
 
 
 def check_scenes(a: ReportRun, b: ReportRun) -> None:
-    """InputError where two runs are not of one scene."""
+    """InputError if two runs have different length units or rooms."""
     if a.data.unit != b.data.unit:
         raise InputError(
             f"{b.file}: lengths are in {b.data.unit}, those of {a.file} in {a.data.unit}; name two runs of one scene",
@@ -120,7 +123,10 @@ def check_scenes(a: ReportRun, b: ReportRun) -> None:
 
 
 def truth_of(files: Sequence[PageRequest], unit: str) -> tuple[Path, Truth] | None:
-    """Truth of both runs; None without targets. InputError if truths or units differ."""
+    """Return path and content of the truth of both runs; None without one, or without targets in it.
+
+    `unit`: of lengths; InputError for another one, or if the runs have different truths.
+    """
     first: tuple[Path, Truth] | None = None
     for path in dict.fromkeys(each.truth for each in files if each.truth is not None):
         opened = open_input(path)
@@ -224,7 +230,7 @@ def align_runs(
 
 
 def _made(run: ReportRun) -> dict[str, object]:
-    """Provenance of each table of a run."""
+    """Return the provenance of each table of a run, by file name."""
     made = run.data.provenance.get("made", {})
     return made if isinstance(made, dict) else {}
 
@@ -232,7 +238,7 @@ def _made(run: ReportRun) -> dict[str, object]:
 def _provenance(
     request: RunComparisonRequest, job: Job, found: RunComparisonPage, config: RunComparisonConfig
 ) -> dict[str, object]:
-    """Provenance of this page and of both runs."""
+    """Return the provenance of this page, and of the tables of both runs."""
     own = job.provenance({"title": request.title, **asdict(config)}, seed=request.seed)
     made = {f"{letter}: {side.name}": side.data.provenance.get("made", {}) for letter, side in found.sides}
     return {name: value for name, value in own.as_dict().items() if name != "losses"} | {"made": made}

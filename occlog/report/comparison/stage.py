@@ -26,7 +26,7 @@ MOVED = 1e-6
 
 
 def same_rows(a: ColumnTable, b: ColumnTable) -> bool:
-    """Whether two tables have the same values."""
+    """Whether two tables have the same rows in the same order; NaN equals NaN."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in type(a).columns())
@@ -64,7 +64,7 @@ def matched_by_truth(
 
 
 def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
-    """Notes on times that only one run covers."""
+    """Generate notes on times that only one run covers; `truth`: figures are compared with one."""
     spans = [(int(t.t_ns[0]), int(t.t_ns[-1])) for t in (a, b)]
     step = max(int(np.median(np.diff(np.unique(t.t_ns)))) if len(t) > 1 else 0 for t in (a, b))
     start, end = max(s for s, _ in spans), min(e for _, e in spans)
@@ -81,7 +81,7 @@ def notes_on_time(a: Tracks, b: Tracks, *, truth: bool) -> Iterator[str]:
 
 
 def notes_on_truth(found: ErrorsOverTime, near: float, unit: str) -> Iterator[str]:
-    """Notes on runs with tracks that are never on a true target."""
+    """Generate notes on runs with tracks that are never on a true target, thus within `near` (in `unit`) of it."""
     for letter, unmatched in zip(("A", "B"), found.on_unmatched, strict=True):
         if unmatched:
             yield (
@@ -113,7 +113,7 @@ def notes_on_recordings(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[
 
 
 def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
-    """Notes on sensors that are in one scene only, and on those that moved."""
+    """Generate notes on sensors that are in one scene only, and on those with another position; None: unknown."""
     if a is None or b is None:
         return
     own, other = ({s.name: s for s in scene.sensors} for scene in (a, b))
@@ -130,7 +130,7 @@ def notes_on_scenes(a: Scene | None, b: Scene | None) -> Iterator[str]:
 
 
 def same_room(a: Scene | None, b: Scene | None) -> bool:
-    """Whether two scenes can be of one site, by their rooms, or by sensor names without rooms."""
+    """Whether two scenes can be of one site, by their rooms, else by a common sensor; True if one is unknown."""
     if a is None or b is None:
         return True
     if a.room is not None and b.room is not None:

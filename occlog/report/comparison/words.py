@@ -106,12 +106,12 @@ class RunComparisonPage:
 
     @property
     def unit(self) -> str:
-        """Length unit."""
+        """Length unit of both runs."""
         return self.a.data.unit
 
     @property
     def sides(self) -> tuple[tuple[str, RunSide], tuple[str, RunSide]]:
-        """Both runs, with their letters."""
+        """Both runs, each with its letter, A or B."""
         return ("A", self.a), ("B", self.b)
 
     @property
@@ -178,7 +178,7 @@ MAX_PIECES = 8
 
 
 class FigureRow(NamedTuple):
-    """A figure of both runs, as text."""
+    """Row of the page's table of figures, as text: values of both runs, difference, interval, p, verdict."""
 
     name: str
     meaning: str
@@ -191,7 +191,7 @@ class FigureRow(NamedTuple):
 
 
 class DivergenceRow(NamedTuple):
-    """Table row of one kind of divergence."""
+    """Row of the page's table of divergences: kind, first time [s], tracks, distance, and how often."""
 
     what: str
     seconds: float | None
@@ -216,7 +216,7 @@ class IdentityRow(NamedTuple):
 
 
 class ChangeRow(NamedTuple):
-    """A change of track."""
+    """Row of the page's table of changes: time [s], run, person, tracks before and after, and the other run's."""
 
     seconds: float
     run: str
@@ -227,12 +227,12 @@ class ChangeRow(NamedTuple):
 
 
 def seconds(found: RunComparisonPage, t_ns: int) -> float:
-    """Time since the page's start [s]."""
+    """Return a time as seconds since the page's start, rounded to microseconds."""
     return round((t_ns - found.time.start_ns) / NS, 6)
 
 
 def format_time(found: RunComparisonPage, t_ns: int) -> str:
-    """Format a time as the page prints it."""
+    """Return a time as the page prints it: seconds since its start, with unit."""
     return f"{seconds(found, t_ns):.2f} s"
 
 
@@ -240,7 +240,7 @@ def format_time(found: RunComparisonPage, t_ns: int) -> str:
 
 
 def comparison_heading(found: RunComparisonPage) -> str:
-    """Line about whether the runs differ."""
+    """Return the heading of the page: whether the runs differ, and which is better."""
     if found.same:
         return "The two runs are the same"
     if found.against_truth is not None:
@@ -265,12 +265,12 @@ def _names(rows: Iterable[ComparisonRow]) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Format a list: `a`, `a and b`, `a, b and c`."""
+    """Return names as text: `a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def sentences(found: RunComparisonPage) -> list[str]:
-    """Sentences below the heading."""
+    """Return the sentences below the heading: figures, first divergence, identities, notes."""
     out = []
     if found.same:
         out.append("Every estimate of one is an estimate of the other, to the last digit.")
@@ -335,7 +335,7 @@ def _divergence_text(found: RunComparisonPage, kind: str, step: RunComparisonSte
 
 
 def of_identities(found: RunComparisonPage) -> str:
-    """Sentence about the number of identity changes."""
+    """Return the sentences about the numbers of identity changes in both runs."""
     truth = found.against_truth
     if truth is not None:
         a, b = len(truth.a.changes), len(truth.b.changes)
@@ -368,7 +368,7 @@ def _changed(followed: MatchedRuns) -> int:
 
 
 def lasting_ns(found: RunComparisonPage) -> int:
-    """Minimum duration of listed changes [ns]."""
+    """Return the least duration of changes that are listed [ns]."""
     return round(found.lasting_s * NS)
 
 
@@ -381,7 +381,7 @@ def verdict_words(side: RunSide) -> tuple[str, bool]:
 
 
 def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
-    """Table rows of figures with their differences."""
+    """Return the rows of the table of figures; empty without a truth."""
     if found.against_truth is None:
         return []
     comparison, out = found.against_truth.comparison, []
@@ -396,7 +396,7 @@ def figure_rows(found: RunComparisonPage) -> list[FigureRow]:
 
 
 def basis_sentence(found: RunComparisonPage) -> str:
-    """Sentence about the basis of the figures."""
+    """Return the sentence about frames and test that the figures are based on; empty without a truth."""
     if found.against_truth is None:
         return ""
     return text.basis(found.against_truth.comparison)
@@ -461,7 +461,7 @@ def _own(followed: MatchedRuns) -> list[int]:
 
 
 def _several(pieces: Sequence[Piece]) -> int:
-    """Number of further tracks of a person."""
+    """Return the number of tracks of a person after the first one."""
     return max(len({piece.track for piece in pieces}) - 1, 0)
 
 

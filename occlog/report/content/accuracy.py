@@ -20,7 +20,15 @@ KINDS = ("bound", "smoothed")
 
 
 def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: str) -> tuple[Floats, Floats]:
-    """Errors and bounds of a target at common times."""
+    """Return errors and bounds of a target at common times.
+
+    Args:
+        errors: of all targets.
+        bound: of all targets.
+        target: its label.
+        kind: column of the bound: `bound` or `smoothed`.
+        where: end of the columns: empty on the ground, `_space` in space.
+    """
     error, least = getattr(errors, f"error{where}"), getattr(bound, f"{kind}{where}")
     mine = (errors.target_id == target) & np.isfinite(error)
     its = (bound.target_id == target) & np.isfinite(least)
@@ -51,12 +59,15 @@ class ErrorsAgainstBound:
     """Accumulates errors and bounds over streams, in sections of the same time."""
 
     def __init__(self) -> None:
-        """Create empty statistics."""
+        """Create statistics without errors and bounds."""
         self._sums: dict[tuple[int, str, str], _Sums] = {}
         self._targets: dict[int, _BoundSoFar] = {}
 
     def add(self, errors: Errors, bound: Bound) -> Floats:
-        """Add a section; return (N, 2) running root mean square filtering and smoothing bounds of the target."""
+        """Add a section; return root mean square bounds (N, 2) so far, filtering and smoothing, for each of its N rows.
+
+        Each is of the row's target, over the rows up to it.
+        """
         out = np.full((len(bound), 2), np.nan)
         for target in np.unique(bound.target_id).tolist():
             for where in WHERE:
@@ -111,7 +122,7 @@ MAX_LOOKUPS = 200
 
 
 def relabelled(found: Mapping[int, int | None]) -> bool:
-    """Whether tracks have their own identities, by the result of `matching_tracks`."""
+    """Whether tracks have their own identities, by the result `found` of `matching_tracks`."""
     return any(target != track for target, track in found.items())
 
 
@@ -194,7 +205,7 @@ class FilterDiagnostics:
 
 
 class FilterDiagnosticsStreams:
-    """Accumulates filter diagnostics over a stream."""
+    """Accumulated filter diagnostics: fallbacks with their times, quality flags, least effective sample size."""
 
     def __init__(self, in_memory: int = 1 << 16) -> None:
         """Create empty statistics; `in_memory`: times of fallbacks kept of each kind."""
@@ -206,7 +217,7 @@ class FilterDiagnosticsStreams:
         self._doubts: set[str] = set()
 
     def add(self, part: Diagnostics) -> None:
-        """Add rows of diagnostics."""
+        """Add further rows, in the order of time."""
         if not len(part):
             return
         self._start = int(part.t_ns[0]) if self._start is None else self._start
@@ -222,7 +233,7 @@ class FilterDiagnosticsStreams:
         self._doubts.update(kind for text in np.unique(part.quality_flags).tolist() if text for kind in text.split(","))
 
     def finish(self) -> FilterDiagnostics:
-        """Summary of all diagnostics added."""
+        """Return the summary of all rows."""
         fallbacks = {kind: self._drawn(times) for kind, times in sorted(self._fallbacks.items())}
         doubts = tuple(sorted(self._doubts))
         return FilterDiagnostics(self._rows, self._particles, self._lowest, fallbacks, self._doubtful, doubts)

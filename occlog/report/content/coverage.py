@@ -74,7 +74,16 @@ class _Cells:
 
 
 def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Ints]:
-    """Assign frames to intervals; a frame lasts until the next one, at most 1.5 times the usual period."""
+    """Assign frames to intervals; a frame lasts until the next one, at most 1.5 times the usual period.
+
+    Args:
+        times: (n,) of the frames, rising [ns].
+        seen: (n,) whether the target is seen.
+        period: usual time between frames [ns].
+
+    Returns:
+        Borders (m + 1,) of intervals [ns], and for each (m,) whether a frame lasts, and whether it sees the target.
+    """
     longest = period + period // 2
     ends = np.append(np.minimum(times[1:], times[:-1] + longest), times[-1] + period)
     edges = np.unique(np.concatenate([times, ends]))
@@ -129,7 +138,7 @@ class ObservationStreams:
         self._records = Blocks(LOOK) if blocks is None else blocks
 
     def add(self, bearings: Bearings) -> None:
-        """Add the bearings of a time interval."""
+        """Add the bearings of a further time interval."""
         self.rows += len(bearings)
         names, which = np.unique(bearings.sensor, return_inverse=True)
         for name, (rows, seen) in _by_sensor(names, which, bearings.seen).items():
@@ -148,7 +157,13 @@ class ObservationStreams:
             self._records.append(np.concatenate(parts))
 
     def _frames(self, number: int, t_ns: Ints, seen: Bools) -> Records:
-        """Observations of a sensor and target: several candidates in one frame are one."""
+        """Return records of the frames of a sensor for a target; several candidates in one frame are one record.
+
+        Args:
+            number: of the pair of sensor and target.
+            t_ns: (n,) times, rising [ns].
+            seen: (n,) whether the target is seen.
+        """
         times, first = np.unique(t_ns, return_index=True)
         if number == len(self._ends):
             self._ends.append([int(times[0]), int(times[0]), 0])
@@ -163,12 +178,12 @@ class ObservationStreams:
 
     @property
     def labels(self) -> tuple[int, ...]:
-        """Targets with labelled bearings, sorted."""
+        """Targets that have labelled bearings, sorted."""
         return tuple(sorted({label for _, label in self._pairs}))
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """Names of the sensors, sorted."""
+        """Names of all sensors, sorted."""
         return tuple(sorted(self._sensors))
 
     def finish(self, sensors: Iterable[str], targets: Iterable[int]) -> ObservationCoverage:
@@ -192,7 +207,7 @@ class ObservationStreams:
         return ObservationCoverage(self.rows, self._seen, by_name, self.labels, series)
 
     def _sightings(self, wanted: set[int]) -> dict[int, tuple[Ints, Ints, Ints]]:
-        """Interval borders, observations and detections of pairs of sensor and target."""
+        """Return interval borders, observations and detections of the `wanted` pairs of sensor and target, by pair."""
 
         def steps() -> Iterator[tuple[Ints, np.ndarray]]:
             for number in range(self._records.count):
@@ -281,7 +296,7 @@ class SelectionStreams:
         self._targets: dict[int, _SelectionTarget] = {}
 
     def add(self, part: Diagnostics) -> None:
-        """Add rows in the order of time."""
+        """Add the camera selections in rows of diagnostics, in the order of time."""
         rows = np.isfinite(part.predicted_mse)
         for target in np.union1d(part.target_id[rows], np.array(list(self._targets), np.int64)).astype(int).tolist():
             mine = part.target_id == target
@@ -302,7 +317,10 @@ class SelectionStreams:
             own.last = int(part.t_ns[mine][-1])
 
     def came_out(self, part: Diagnostics, companion: Errors | Tracks) -> None:
-        """Errors or tracks at the times of selections, both of one time interval."""
+        """Add the squared errors, or the covariances of tracks, at the times of selections.
+
+        `part`: diagnostics; `companion`: errors or tracks of the same time interval.
+        """
         finite = np.isfinite(part.predicted_mse)
         for target in np.unique(part.target_id[finite]).tolist():
             at = np.isin(companion.t_ns, part.t_ns[finite & (part.target_id == target)])
@@ -321,7 +339,7 @@ class SelectionStreams:
         return bool(self._targets)
 
     def finish(self) -> dict[int, Selections]:
-        """Summary of all selections, sorted by target."""
+        """Return the summary of the selections for each target, sorted by target."""
         return {target: _finished(own) for target, own in sorted(self._targets.items())}
 
 

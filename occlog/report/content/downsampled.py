@@ -115,7 +115,13 @@ def downsample(
 
 
 def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Callable[[T], Ints]) -> DownsampledTable[T]:
-    """Add to a downsampled table the rows that `pick` selects from each chunk."""
+    """Return the downsampled table with the rows that `pick` selects from each chunk added, in their places.
+
+    Args:
+        found: table so far.
+        chunks: all rows of the whole table, once more.
+        pick: returns row numbers in a chunk.
+    """
     parts, numbers, count = [found.table], [found.rows], 0
     for chunk in chunks:
         rows = pick(chunk)
@@ -170,14 +176,20 @@ def _targets(table: ColumnTable) -> Ints:
 
 
 def _firsts(target: Ints, known: Ints) -> Ints:
-    """First rows of new targets."""
+    """Return the first row of each target in `target` (n,) that is not among the targets `known`."""
     names, first = np.unique(target, return_index=True)
     new: Ints = first[~np.isin(names, known)]
     return new
 
 
 def largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
-    """(N,) mask of the rows with the largest value of their target in their section."""
+    """Return the mask (N,) of the rows with the largest value of their target in their section.
+
+    Args:
+        values: (N,) values.
+        target: (N,) targets.
+        stretch: (N,) numbers of the sections.
+    """
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
     order = np.lexsort((values, target, stretch))
@@ -200,7 +212,7 @@ class ErrorsSoFar:
     """Running figures of errors: RMSE and largest error of each target."""
 
     def __init__(self) -> None:
-        """Start without errors."""
+        """Create sums without errors."""
         self._targets: dict[int, _ErrorsOfTarget] = {}
 
     def add(self, errors: Errors) -> Floats:
@@ -226,7 +238,7 @@ class ErrorsSoFar:
         return _root(sum(t.squares.value for t in own), sum(t.rows for t in own))
 
     def rmse_in_space(self) -> float:
-        """RMSE in space over all targets."""
+        """Return the RMSE in space over all targets; NaN without errors in space."""
         own = self._of(None)
         return _root(sum(t.squares_in_space.value for t in own), sum(t.in_space for t in own))
 

@@ -190,7 +190,7 @@ LONGEST_FIRST = sorted(WORDS, key=lambda word: -len(word.base))
 
 @dataclass(frozen=True)
 class Figure:
-    """Table row: name, value, unit, meaning."""
+    """Table row of a figure: name, value as text, unit, and its meaning in words."""
 
     name: str
     value: str
@@ -209,7 +209,7 @@ class Breakdown:
 
 @dataclass
 class MetricGroup:
-    """Related figures: overall, then broken down."""
+    """Related figures under a title: overall ones, and tables by target or sensor."""
 
     title: str
     figures: list[Figure] = field(default_factory=list)
@@ -257,7 +257,10 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
-    """Flatten a mapping to dotted paths; entries that begin with `_` (provenance) are skipped."""
+    """Return the entries of nested mappings `values` with dotted paths that begin with `prefix`.
+
+    Entries that begin with `_` (provenance) and `plausible` are left out.
+    """
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
         if str(key).startswith("_") or key == "plausible":  # shown with its reasons elsewhere

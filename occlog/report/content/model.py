@@ -49,13 +49,13 @@ class TimeAxis:
 
     @property
     def unit(self) -> str:
-        """`s`, `min` or `h`."""
+        """Unit of the axis by its length: `s`, `min` or `h`."""
         seconds = (self.end_ns - self.start_ns) / NS
         return "s" if seconds <= 600 else "min" if seconds <= 4 * 3600 else "h"
 
     @property
     def ns_per_unit(self) -> float:
-        """Nanoseconds per unit of the axis."""
+        """Nanoseconds in one unit of the axis."""
         return {"s": 1.0, "min": 60.0, "h": 3600.0}[self.unit] * NS
 
     def of(self, t_ns: Ints) -> Floats:
@@ -74,7 +74,7 @@ class TimeAxis:
 
     @property
     def label(self) -> str:
-        """Title of the axis."""
+        """Title of the axis, with its unit."""
         return f"{TIME_LABEL} [{self.unit}]"
 
     @property
@@ -132,7 +132,7 @@ class ReportInput:
     gathered: ReportFigures | None = None
 
     def __post_init__(self) -> None:
-        """InputError if there is nothing to draw."""
+        """InputError if there is neither a scene nor tracks to draw."""
         if self.scene is None and self.tracks is None:
             raise InputError(
                 "report: neither a scene nor tracks are given; give at least one of them", id="missing-option"
@@ -140,7 +140,7 @@ class ReportInput:
 
     @cached_property
     def figures(self) -> ReportFigures:
-        """Figures computed from all rows."""
+        """Figures computed from all rows, those that are not drawn included."""
         if self.gathered is not None:
             return self.gathered
         tables = {name: table for name in TABLES if (table := getattr(self, name)) is not None}
@@ -164,12 +164,12 @@ class ReportInput:
 
     @property
     def unit(self) -> str:
-        """Length unit."""
+        """Length unit of the scene, or of the tables without one."""
         return self.scene.length_unit if self.scene is not None else self.length_unit
 
     @property
     def smoothed(self) -> bool:
-        """Whether the tracks are smoothed."""
+        """Whether the tracks are smoothed, by their provenance."""
         return self.made.smoothed
 
     @property
@@ -190,7 +190,7 @@ class ReportInput:
 
     @property
     def findings(self) -> tuple[tuple[str, Check], ...]:
-        """Findings, with their stages."""
+        """Findings of all verdicts, each with the name of its stage."""
         return found_by_stage(self.verdicts)
 
     @property
@@ -200,7 +200,7 @@ class ReportInput:
 
     @cached_property
     def time(self) -> TimeAxis:
-        """Common time axis of all tables."""
+        """Time axis from the first to the last row of all tables."""
         names = ("tracks", "bearings", "errors", "bound", "diagnostics", "truth")
         spans = [self.whole[name].span_ns for name in names if getattr(self, name) is not None and self.rows(name)]
         return TimeAxis(min(s for s, _ in spans), max(e for _, e in spans)) if spans else TimeAxis(0, 0)
@@ -217,7 +217,7 @@ class ReportInput:
 
     @cached_property
     def compared(self) -> tuple[int, ...]:
-        """Targets in the errors, sorted."""
+        """Targets that have errors, sorted."""
         return () if self.errors is None else tuple(np.unique(self.errors.target_id).tolist())
 
     @property
@@ -256,12 +256,12 @@ class ReportInput:
 
     @property
     def residuals(self) -> Mapping[int, Residual]:
-        """Bearing residuals of each target's track."""
+        """Residuals of bearings from the track of each target."""
         return self.figures.residuals
 
     @property
     def coverage(self) -> ObservationCoverage | None:
-        """Summary of bearings; None without bearings."""
+        """Summary of which sensor saw which target when; None without bearings."""
         return self.figures.coverage
 
     @property
@@ -279,14 +279,17 @@ class ReportInput:
 
     @property
     def fared(self) -> FilterDiagnostics | None:
-        """Summary of diagnostics; None without diagnostics."""
+        """Summary of the filter diagnostics; None without them."""
         return self.figures.fared
 
     @property
     def selections(self) -> Mapping[int, Selections]:
-        """Selections of cameras, by target."""
+        """Selections of cameras by target; empty without any."""
         return self.figures.selections
 
     def beside_bound(self, target: int | None = None, where: str = "") -> tuple[float, float]:
-        """RMSE and bound over common times, of a target or of all; see `ErrorsAgainstBound.figures`."""
+        """Return RMSE and bound over common times, of a target or of all (None); see `ErrorsAgainstBound.figures`.
+
+        `where`: empty on the ground, `_space` in space.
+        """
         return self.figures.bound.figures(target, where, smoothed=self.smoothed)

@@ -59,7 +59,7 @@ def _names(tracks: PeopleTracks) -> set[str]:
 
 
 def camera_has_box(tracks: PeopleTracks, name: str) -> Bools:
-    """(N,) mask of rows in which a camera has a box of the person."""
+    """Return the mask (N,) of rows in which the camera `name` has a box of the person."""
     return has_word(tracks.seen_by, name)
 
 
@@ -153,7 +153,7 @@ class PeopleStreams:
     """Accumulates people's tracks over a stream, in two passes."""
 
     def __init__(self) -> None:
-        """Create an empty summary of people."""
+        """Create a summary without people."""
         self._rows = self._times = self._people = self._most = self._seen = self._several = self._with_existence = 0
         self._existence = Sum()
         self._lives: dict[int, TrackLife] = {}
@@ -162,7 +162,7 @@ class PeopleStreams:
 
     @property
     def any(self) -> bool:
-        """Whether existence probabilities are known."""
+        """Whether existence probabilities are known for any row."""
         return self._with_existence > 0
 
     def add(self, tracks: PeopleTracks) -> None:
@@ -193,7 +193,10 @@ class PeopleStreams:
         self._rows += len(tracks)
 
     def begin_cells(self, span_ns: tuple[int, int], step_ns: float) -> None:
-        """End the first pass; time range and step of the intervals of the second one."""
+        """End the first pass, and set the intervals of the second one.
+
+        `span_ns`: first and last time [ns]; `step_ns`: usual time between rows [ns].
+        """
         step = max(int(step_ns), 1) if self._times > 1 else 1
         self._cells = _VisibilityCells(span_ns[0], span_ns[1] + step, step)
 

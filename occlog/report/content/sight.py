@@ -46,7 +46,13 @@ def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Fl
 
 
 def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
-    """(R,) distance along each ray to the nearest wall; inf without a wall."""
+    """Return the distance (R,) along each ray to the nearest wall; inf without a wall.
+
+    Args:
+        origin: (2,) of all rays.
+        direction: (R, 2) unit vectors.
+        walls: (W, 2, 2) ends of each wall.
+    """
     if not len(walls):
         return np.full(len(direction), np.inf)
     start, along = walls[:, 0] - origin, walls[:, 1] - walls[:, 0]
@@ -72,7 +78,7 @@ def sensor_positions(scene: Scene) -> dict[str, Floats]:
 
 
 def positions_at(tracks: Tracks, target: int, t_ns: Ints) -> Floats:
-    """(N, 2) positions of a target interpolated linearly at given times; NaN outside the track."""
+    """Return positions (N, 2) of a target at times `t_ns` (N,), interpolated linearly; NaN outside its track."""
     rows = np.flatnonzero(tracks.target_id == target)
     if not len(rows):
         return np.full((len(t_ns), 2), np.nan)
@@ -104,7 +110,7 @@ class LabelledSightings:
 
 
 def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict[int, LabelledSightings]:
-    """Bearings grouped by label."""
+    """Return the bearings of the scene's sensors that see a target, for each of the target's `labels`."""
     sensor = _index(bearings.sensor, tuple(sensor_positions(scene)))
     seen, out = bearings.seen & (sensor >= 0), {}
     for label in labels:
@@ -114,12 +120,19 @@ def sight_lines(bearings: Bearings, scene: Scene, labels: Iterable[int]) -> dict
 
 
 def label_of(target: int, labels: Collection[int]) -> int:
-    """Label of the bearings to compare with a target; -1 if none has the target's label."""
+    """Return the label of bearings to compare with a target: its own if it is among `labels`, else -1."""
     return target if target in labels else UNLABELLED
 
 
 def distance_to_lines(lines: LabelledSightings, estimate: Floats, scene: Scene, *, nearest: bool) -> DirectionErrors:
-    """Distances of estimates (N, 2) from lines of sight; `nearest`: only of the nearest line per time and sensor."""
+    """Return the angles between estimates and lines of sight, as seen by the sensors [rad].
+
+    Args:
+        lines: N lines of sight.
+        estimate: (N, 2) positions; NaN: no estimate, left out.
+        scene: positions of the sensors.
+        nearest: true: only the nearest line of each time and sensor.
+    """
     known = sensor_positions(scene)
     origins = np.array(list(known.values())).reshape(-1, 2)[lines.sensor]
     delta = estimate - origins
@@ -145,7 +158,7 @@ def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
 
 
 def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
-    """(N,) index of each name in `known`; -1 if missing."""
+    """Return the index (N,) of each of `names` (N,) in `known`; -1 if missing."""
     unique, inverse = np.unique(names, return_inverse=True)
     numbers = np.array([known.index(n) if n in known else -1 for n in unique], dtype=np.int64)
     return numbers[inverse] if len(unique) else np.empty(0, np.int64)
@@ -158,7 +171,7 @@ def has_common_time(t_ns: Ints) -> Bools:
 
 
 def period_of(steps: Sequence[float]) -> int:
-    """Scan period of sensors with these usual intervals."""
+    """Return the scan period [ns] of sensors with the usual intervals `steps` [ns]: their median, at least 1."""
     return max(int(np.median(steps)) if len(steps) else 1, 1)
 
 
@@ -181,7 +194,14 @@ def scans(lines: LabelledSightings, period_ns: int | None, start_ns: int) -> tup
 
 
 def triangulate_scans(lines: LabelledSightings, rows: Ints, scan: Ints, scene: Scene) -> tuple[Ints, Floats]:
-    """First row and triangulated position of each scan with intersecting lines; see `scans`."""
+    """Return the first row and the position of each scan with lines of sight that intersect: (n,) and (n, 2).
+
+    Args:
+        lines: lines of sight.
+        rows: (k,) those that are in a scan.
+        scan: (k,) number of the scan, rising (see `scans`).
+        scene: positions of the sensors.
+    """
     origins = np.array(list(sensor_positions(scene).values())).reshape(-1, 2)[lines.sensor[rows]]
     _, first = np.unique(scan, return_index=True)
     starts = np.append(first, len(rows))
@@ -208,7 +228,7 @@ class Residual:
 
     @property
     def any(self) -> bool:
-        """Whether there is any residual."""
+        """Whether any sensor has a residual."""
         return any(self.rows.values())
 
 
@@ -241,7 +261,7 @@ class TriangulationDistances:
 
 @dataclass
 class _Off:
-    """Accumulated residuals of one target's track."""
+    """Accumulated residuals and distances of one target's track, and rows of its last, open scan."""
 
     rows: Ints
     squares: Floats
@@ -308,7 +328,14 @@ class BearingResidualStreams:
         own.drawn.append(DirectionErrors(t_ns, sensor, found.names, residual, sigma))
 
     def _distances(self, target: int, lines: LabelledSightings, estimate: Floats, *, last: bool) -> None:
-        """Distances at completed scans."""
+        """Add the distances of a target's track from triangulated positions at completed scans.
+
+        Args:
+            target: its label.
+            lines: N further lines of sight.
+            estimate: (N, 2) positions of the track at them.
+            last: the last scan is complete too.
+        """
         own, period = self._off[target], self._periods_ns[target]
         if own.held is not None:
             lines, estimate = _joined(own.held[0], lines), np.concatenate([own.held[1], estimate])
@@ -336,7 +363,7 @@ class BearingResidualStreams:
         self._spools[target].add(found)
 
     def finish(self) -> tuple[dict[int, Residual], dict[int, TriangulationDistances]]:
-        """All residuals and distances, by target."""
+        """Return the residuals, and the distances from triangulated positions, by target."""
         names = tuple(sensor_positions(self._scene))
         off, separate = {}, {}
         for target, own in self._off.items():

@@ -27,7 +27,7 @@ BAR = 26
 
 
 class Outline(NamedTuple):
-    """An estimate drawn in a frame."""
+    """Estimate that is drawn in a frame: ellipse, target, style, and words for its failures."""
 
     ellipse: Floats  # (5,) see `occlog.core.image`
     target_id: int
@@ -37,7 +37,7 @@ class Outline(NamedTuple):
 
 
 class TruePosition(NamedTuple):
-    """True position of a target."""
+    """True position of a target that is drawn in a frame: box, visible share, and whether its tracker is lost."""
 
     box: Floats  # (4,) left, top, width, height [px]
     target_id: int
@@ -72,7 +72,7 @@ class FrameDrawing(NamedTuple):
     ] = {}  # position of a target among all by identity, which states its colour; else its number
 
     def colour(self, target_id: int) -> Colour:
-        """BGR colour of a target."""
+        """Return the BGR colour of the target `target_id`."""
         return colour_of(self.ranks.get(target_id, target_id))
 
 
@@ -122,7 +122,7 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
 
 
 def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
-    """Tile pictures in rows on a dark background; width and height are even, as codecs require."""
+    """Return pictures in rows of `columns` on a dark background; width and height are even, as codecs require."""
     height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
     gap, rows = 4, math.ceil(len(pictures) / columns)
     whole = (rows * height + (rows - 1) * gap, columns * width + (columns - 1) * gap)
@@ -138,7 +138,10 @@ def _interpolation(scale: float) -> int:
 
 
 def _points(points: Floats, scale: float) -> NDArray[np.int32]:
-    """(k, 1, 2) integer points for OpenCV; distant ones are clipped against overflow."""
+    """Return points (k, 2) [px] as integers (k, 1, 2) for OpenCV; distant ones are clipped against overflow.
+
+    `scale`: pixels of the picture per pixel.
+    """
     moved = np.clip(scale * (np.asarray(points) + 0.5) - 0.5, -30_000, 30_000)
     return np.rint(moved * (1 << SUB)).astype(np.int32).reshape(-1, 1, 2)
 
@@ -159,7 +162,10 @@ def _rim(ellipse: Floats) -> Floats:
 
 
 def _dashes(points: Floats, scale: float) -> list[Floats]:
-    """Dashes of a polyline (k, 2), with visible gaps."""
+    """Return the dashes of the polyline `points` (k, 2), half of its length.
+
+    `scale`: pixels of the picture per pixel.
+    """
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     count = max(3, round(scale * float(way[-1]) / 22.0))
     parts = (np.arange(count)[:, None] + np.linspace(0.0, 0.5, 7)) / count * way[-1]
@@ -167,7 +173,7 @@ def _dashes(points: Floats, scale: float) -> list[Floats]:
 
 
 def draw_way(picture: Bytes, way: LineDrawing, scale: float, colour: Colour) -> None:
-    """Draw a polyline, dashed or solid."""
+    """Draw a polyline, dashed or solid, on the picture; `scale`: pixels of the picture per pixel."""
     for part in _dashes(way.points, scale) if way.dashed else [way.points]:
         _path(picture, part, scale, colour, way.width, halo=way.width > 1)
 
@@ -181,7 +187,15 @@ def _estimate(picture: Bytes, outline: Outline, scale: float, colour: Colour) ->
 
 
 def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colour: Colour) -> None:
-    """Draw a target's number, with its failures, above its ellipse."""
+    """Draw a target's number, with its failures, above its ellipse.
+
+    Args:
+        picture: drawn on.
+        outline: of the target.
+        scale: pixels of the picture per pixel.
+        taken: boxes of labels so far, of which the new one keeps clear; it is added.
+        colour: BGR; failures are red.
+    """
     rim = _rim(outline.ellipse)
     x, y = (scale * (rim[rim[:, 1].argmin()] + 0.5) - 0.5).tolist()
     words = str(outline.target_id) + (f" {outline.wrong}" if outline.wrong else "")
@@ -189,7 +203,7 @@ def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colou
 
 
 def label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
-    """Draw text on a coloured background, centred above `bottom`.
+    """Draw the text `words` on a coloured background, centred above `bottom` (x, y).
 
     It is moved inside the picture and away from labels in `taken`, to which it is added.
     """
@@ -218,14 +232,21 @@ def _corners(box: Floats) -> Floats:
 
 
 def _true_box(picture: Bytes, position: TruePosition, scale: float, colour: Colour) -> None:
-    """Draw a true box, dashed if the target is occluded."""
+    """Draw a true box on the picture, dashed if occluded; `scale`: pixels of the picture per pixel."""
     corners, hidden = _corners(position.box), position.visible < HIDDEN
     for part in _dashes(corners, scale) if hidden else [corners]:
         _path(picture, part, scale, colour, 2, halo=True)
 
 
 def _true_cross(picture: Bytes, position: TruePosition, scale: float, own: Colour) -> None:
-    """Draw a cross at the centre of a target, with a ring if it is occluded; red if it has no tracker."""
+    """Draw a cross at the centre of a target, with a ring if it is occluded; red if it has no tracker.
+
+    Args:
+        picture: drawn on.
+        position: true box.
+        scale: pixels of the picture per pixel.
+        own: BGR colour of the target.
+    """
     middle, colour = position.box[:2] + 0.5 * position.box[2:], own if position.coloured else WHITE
     arms = [np.array([middle - arm, middle + arm]) for arm in 5.0 / scale * np.eye(2)]
     for paint, width in ((BLACK, 4), (colour, 2)):
@@ -243,7 +264,7 @@ def _true_cross(picture: Bytes, position: TruePosition, scale: float, own: Colou
 
 
 def _note(picture: Bytes, words: str, line: int) -> None:
-    """Draw text on a dark background in the lower left corner, `line` lines up."""
+    """Draw the text `words` on a dark background in the lower left corner, `line` lines up."""
     (width, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
     bottom = picture.shape[0] - 22 * line
     cv2.rectangle(picture, (0, max(bottom - 22, 0)), (width + 12, bottom - 1), BLACK, cv2.FILLED)

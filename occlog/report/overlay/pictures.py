@@ -42,7 +42,7 @@ class LostFrames:
     """Decodes frames, and records which requested ones could not be decoded."""
 
     def __init__(self) -> None:
-        """Create an empty series of pictures."""
+        """Create a record without lost frames."""
         self._why: dict[tuple[str, int], str] = {}
         self._missed: set[tuple[str, int]] = set()
 
@@ -56,17 +56,17 @@ class LostFrames:
             return None
 
     def is_lost(self, sensor: str, index: int) -> bool:
-        """Whether a frame could not be decoded."""
+        """Whether the frame with this index of a camera could not be decoded."""
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
-        """Request a frame: it is recorded as lost if it could not be decoded."""
+        """Record that the frame with this index of a camera is shown: a loss if it could not be decoded."""
         if self.is_lost(sensor, index):
             self._missed.add((sensor, index))
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses, by camera and number."""
+        """Losses of the frames that were shown, by camera and number."""
         sensors = sorted({sensor for sensor, _ in self._missed})
         lost = {name: sorted(index for sensor, index in self._missed if sensor == name) for name in sensors}
         return tuple(
@@ -91,7 +91,10 @@ class FrameRowReader(Generic[T]):
         self.read = self.used = 0
 
     def at(self, t_ns: int, sensor: str) -> T | None:
-        """Rows of one frame; times must not decrease. None at the end of a table without rows."""
+        """Return the rows of one frame, by time [ns] and camera; None at the end of a table without rows.
+
+        Times must not decrease from call to call.
+        """
         while self._held is None or not len(self._held) or int(self._times(self._held)[-1]) <= t_ns:
             more = next(self._chunks, None)
             if more is None:
@@ -161,7 +164,7 @@ class Pictures:
         self._start = (recording.time_ns or (0, 0))[0]
 
     def _good_scale(self, cells: int) -> float:
-        """Scale: small images are enlarged, and large ones reduced until all fit."""
+        """Return the scale of the pictures: small ones are enlarged, and large ones reduced until all `cells` fit."""
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         rows = math.ceil(cells / self._columns)
         most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)
@@ -213,11 +216,17 @@ class Pictures:
             self._lost.miss(name, number)
 
     def _rows_of(self, frame: Frame) -> OverlayFrameRows:
-        """Rows of one frame from every table."""
+        """Return the rows of a frame in tracks, truth and failures."""
         return OverlayFrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
 
     def _ways_of(self, view: int, frame: Frame, rows: OverlayFrameRows) -> list[LineDrawing]:
-        """Trails in the image; for targets tracked in the world only, at their projected positions."""
+        """Return the trails in the image of the view; of targets tracked in the world alone their projections.
+
+        Args:
+            view: index of the view.
+            frame: its image.
+            rows: of the frame.
+        """
         if self._world is not None:
             self._world.move(frame.t_ns)
         if rows.tracks is not None:
@@ -228,7 +237,13 @@ class Pictures:
         return self._world.ways(camera, frame.t_ns)
 
     def _shot(self, view: int, number: int, rows: list[OverlayFrameRows]) -> FrameDrawing:
-        """Drawings over one frame; true boxes only if estimates are not drawn as boxes."""
+        """Return what is drawn over one frame; true boxes only if estimates are not drawn as boxes.
+
+        Args:
+            view: index of the view.
+            number: of the frame.
+            rows: of this time in each view.
+        """
         shot = frame_shot(view, number, rows, self._rig)
         if self._lost.is_lost(self.names[view], number):
             shot = shot._replace(notes=[*shot.notes, NO_IMAGE])
@@ -260,7 +275,15 @@ def _columns(cells: int) -> int:
 def _world(
     asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> GroundTrackPositions | None:
-    """Tracks in the world; None if missing, or if camera poses are unknown."""
+    """Return the positions of tracks in the world; None if missing, or if camera poses are unknown.
+
+    Args:
+        asked: the request.
+        recording: its cameras.
+        scene: poses; None: unknown, UsageError without tracks in images.
+        ranks: number of the colour of each target.
+        job: prints notes.
+    """
     if asked.ground_tracks is None:
         return None
     if scene is None:
@@ -282,7 +305,10 @@ def _world(
 
 
 def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image:
-    """First decodable image of a camera; InputError without one."""
+    """Return the first decodable image of the camera `name`; InputError without one.
+
+    Frames before it are recorded in `lost`.
+    """
     for frame in recording.frames([name]):
         image = lost.image(frame)
         if image is not None:
@@ -295,7 +321,16 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
 def _rig(
     asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
 ) -> OverlayRig:
-    """The views, with the sizes of their first images, and the tracker's epipolar geometry if known."""
+    """Return the views with the sizes of their first images, cameras, and the tracker's epipolar geometry if known.
+
+    Args:
+        asked: the request.
+        recording: the images.
+        names: of the cameras.
+        scene: poses; None: unknown.
+        lost: records frames that cannot be decoded.
+        job: prints notes.
+    """
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [_first_image(recording, name, lost).shape for name in names]
     views = [TrackedView(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]

@@ -110,7 +110,10 @@ class PlanRenderer:
         return np.asarray(self._centre + self._scale * (points - self._middle) * [1.0, -1.0])
 
     def _draw_still(self, scene: Scene, size: tuple[int, int]) -> tuple[Bytes, list[Box]]:
-        """Draw floor, walls, occluders and sensors; return the picture, and the boxes of names."""
+        """Return the picture of floor, walls, occluders and sensors, and the boxes of their names.
+
+        `size`: width and height [px].
+        """
         picture = np.full((size[1], size[0], 3), GROUND, dtype=np.uint8)
         shapes = [(scene.room, FLOOR)] if scene.room is not None else []
         shapes += [(occluder.polygon, PILLAR) for occluder in scene.occluders]
@@ -131,7 +134,7 @@ class PlanRenderer:
 
 
 def _mark(yaw: float) -> Floats:
-    """(3, 2) corners of a camera's mark [px], which opens in the viewing direction."""
+    """Return the corners (3, 2) of a camera's mark [px], which opens in the direction `yaw` [rad] in the world."""
     c, s = math.cos(yaw), -math.sin(yaw)
     ahead, aside = np.array([c, s]), np.array([-s, c])
     return MARK * np.array([0.0 * ahead, ahead + 0.6 * aside, ahead - 0.6 * aside])
@@ -182,7 +185,14 @@ class GroundTrackPositions:
     """Positions of targets in the world at nondecreasing frame times."""
 
     def __init__(self, sources: OverlayTables, metres: float, ranks: Mapping[int, int], trail_s: float) -> None:
-        """Open the tables; `metres` per length unit, trails with a length of `trail_s`."""
+        """Open the tables.
+
+        Args:
+            sources: tracks, and diagnostics and truth if there are any.
+            metres: metres per length unit.
+            ranks: number of the colour of each target.
+            trail_s: length of trails [s].
+        """
         tracks, diagnostics, truth, unit = sources
         self._tracks = Latest(tracks, PeopleTracks, unit)
         self._diagnostics = None if diagnostics is None else Latest(diagnostics, Diagnostics, unit)
@@ -198,7 +208,7 @@ class GroundTrackPositions:
         return self._tracks.used
 
     def move(self, t_ns: int) -> None:
-        """Advance to a time."""
+        """Read the tables up to the time `t_ns` [ns], which must not decrease."""
         for diagnostics in self._diagnostics.until(t_ns) if self._diagnostics is not None else ():
             self._diagnostics_drawing.add(diagnostics)
         for rows in self._tracks.until(t_ns):
@@ -235,7 +245,7 @@ class Trails:
     """Trails of targets' feet in the images of one camera."""
 
     def __init__(self, trail_s: float) -> None:
-        """Keep the last seconds."""
+        """Create trails of the last `trail_s` seconds, without targets."""
         self._keep_ns = round(trail_s * NS)
         self._positions: dict[int, deque[tuple[int, Floats]]] = {}
 
@@ -256,7 +266,7 @@ class Trails:
 
 
 def targets_of(paths: Mapping[Path, type[Tracks] | type[ViewTracks]]) -> dict[int, int]:
-    """Index of each identity over all tables, by a pass over their rows."""
+    """Return the rank of each target identity over all tables (`paths`: type by file), by a pass over their rows."""
     found = (rows for path, table in paths.items() for rows in open_input(path).rows(table))
     names = {target for rows in found for target in np.unique(rows.target_id).tolist()}
     return {target: rank for rank, target in enumerate(sorted(names))}

@@ -23,7 +23,7 @@ from .pictures import Pictures
 
 
 def _previous_losses(asked: OverlayRequest) -> tuple[Loss, ...]:
-    """Losses recorded in the inputs."""
+    """Return the losses recorded in the inputs, without duplicates."""
     tables = (asked.recording, asked.tracks, asked.ground_tracks, asked.diagnostics, asked.truth, asked.failures)
     found = input_losses(open_if_ours(path) for path in tables if path is not None)
     return tuple(dict.fromkeys((*found, *model_losses([asked.fundamental]))))
@@ -66,7 +66,7 @@ def run_overlay(request: OverlayRequest, job: Job) -> JobResult:
 
 
 def _check(asked: OverlayRequest) -> None:
-    """UsageError for incompatible options."""
+    """UsageError if there is nothing to draw, no output, or options that do not go together."""
     if asked.tracks is None and asked.truth is None and asked.ground_tracks is None:
         raise UsageError(
             f"nothing to draw: give TRACKS (a table or a run folder), or true boxes with {option('truth')}, or both",
@@ -140,7 +140,7 @@ def _cameras(recording: McapRecording, asked: tuple[str, ...]) -> list[str]:
 
 
 def _rate(recording: McapRecording, names: list[str]) -> float:
-    """Frame rate of the fastest camera; 25 for a recording with a single time."""
+    """Return the frame rate [Hz] of the fastest of the cameras `names`; 25 for a recording with a single time."""
     first, last = recording.time_ns or (0, 0)
     topics = [t for t in recording.topics if t.schema in (IMAGE_SCHEMA, VIDEO_FRAME)]
     most = max((t.messages for t in topics if any(f"/{name}/" in t.name for name in names)), default=0)

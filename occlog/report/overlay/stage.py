@@ -81,7 +81,7 @@ def _label_failures(failures: Failures | None) -> dict[int, int]:
 
 
 def _others(failures: Failures | None, numbered: bool) -> list[str]:
-    """Text about label failures of trackers without numbers."""
+    """Return texts about label failures of trackers; empty if they are `numbered`, since their numbers show them."""
     if failures is None or numbered:
         return []
     rows = np.flatnonzero(failures.kind == "label")
@@ -130,7 +130,15 @@ def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[TruePos
 def _lines(
     view: int, tracks: ViewTracks, rows: Sequence[OverlayFrameRows], rig: OverlayRig, geometry: ViewGeometry
 ) -> list[tuple[int, Floats]]:
-    """Epipolar lines from other views that constrain the targets."""
+    """Return (target, points) of the epipolar lines in a view from other views that constrain its targets.
+
+    Args:
+        view: index of the view.
+        tracks: its rows.
+        rows: of each view at this time.
+        rig: views and cameras.
+        geometry: fundamental matrices.
+    """
     numbers = {v.name: n for n, v in enumerate(rig.views)}
     out = []
     for target, names in zip(tracks.target_id.tolist(), tracks.assisting_views.tolist(), strict=True):
@@ -144,7 +152,16 @@ def _lines(
 def _line(
     target: int, helper: int, view: int, tracks: ViewTracks | None, rig: OverlayRig, geometry: ViewGeometry
 ) -> Floats | None:
-    """(k, 2) recorded pixels of an epipolar line in `view`; None without a line, or if it misses the image."""
+    """Return the recorded pixels (k, 2) of an epipolar line; None without a line, or if it misses the image.
+
+    Args:
+        target: whose estimate it is of.
+        helper: index of the view of the estimate.
+        view: index of the view of the line.
+        tracks: rows of the helper; None: none.
+        rig: views and cameras.
+        geometry: fundamental matrices.
+    """
     rows = np.flatnonzero(tracks.target_id == target) if tracks is not None else np.zeros(0, dtype=np.int64)
     if tracks is None or not len(rows):
         return None

@@ -72,7 +72,10 @@ def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, k
 
 
 def _offsets(outward: Floats, shape: Floats) -> list[Floats]:
-    """Centres of a label relative to its point: eight directions at two distances, outward first."""
+    """Return centres of a label relative to its point: eight directions at two distances, outward first [points].
+
+    `outward`: (2,) preferred direction; `shape`: (2,) width and height of the label.
+    """
     angles = np.arange(8) * np.pi / 4
     first = float(np.arctan2(outward[1], outward[0]))
     order = np.argsort(np.abs(np.angle(np.exp(1j * (angles - first)))), kind="stable")
@@ -86,12 +89,12 @@ def _overlap(a: Floats, b: Floats) -> float:
 
 
 def _beyond(box: Floats, limits: Floats) -> float:
-    """Return how far a label extends beyond the axes."""
+    """Return how far the box (2, 2: low, high) of a label extends beyond the limits (2, 2), in their unit."""
     return float(np.maximum(limits[0] - box[0], 0.0).sum() + np.maximum(box[1] - limits[1], 0.0).sum())
 
 
 def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
-    """Set limits (2, 2), equal scale and axis names of a plan, without grid."""
+    """Set the limits (2, 2: low, high), equal scale and axis names of a plan, in `unit`, without grid."""
     axes.grid(False)
     axes.set_xlim(limits[0, 0], limits[1, 0])
     axes.set_ylim(limits[0, 1], limits[1, 1])
@@ -101,7 +104,10 @@ def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
 
 
 def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]:
-    """Draw static parts; return handles for the legend."""
+    """Draw the static parts of a scene; return the entries of the legend.
+
+    `limits`: (2, 2) of the plan, low and high.
+    """
     handles: list[Line2D | Patch] = []
     if scene.room is not None:
         axes.add_patch(Polygon(scene.room, facecolor=COLOURS["room"], edgecolor="none", zorder=0.5))
@@ -146,7 +152,7 @@ def view_area(scene: Scene, camera: Camera, far: float) -> Floats:
 
 
 def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
-    """Draw a field of view, cut off by occluders and walls."""
+    """Draw a camera's field of view, cut off by occluders and walls; `limits`: (2, 2) of the plan."""
     area = view_area(scene, camera, float(np.hypot(*(limits[1] - limits[0]))))
     wedge = Polygon(
         area,
@@ -162,7 +168,10 @@ def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
 
 
 def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
-    """Draw cameras as dots, with short lines along their optical axes."""
+    """Draw cameras as dots, with short lines along their optical axes; return the entry of the legend.
+
+    `limits`: (2, 2) of the plan.
+    """
     for camera in cameras:
         tip = _tip(camera, limits)
         axes.annotate(
@@ -188,13 +197,16 @@ def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
 
 
 def _tip(camera: Camera, limits: Floats) -> Floats:
-    """End of the line along a camera's optical axis."""
+    """Return the end (2,) of the line along a camera's optical axis, by the `limits` (2, 2) of the plan."""
     length = 0.05 * float((limits[1] - limits[0]).max())
     return np.asarray(camera.ground + length * np.array([np.cos(camera.yaw), np.sin(camera.yaw)]))
 
 
 def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
-    """Write the names of all sensors, clear of axis lines and the scale bar."""
+    """Write the names of all sensors, clear of axis lines and the scale bar.
+
+    `limits`: (2, 2) of the plan; `bar`: (2, 2) box of the scale bar.
+    """
     names: dict[tuple[float, float], list[str]] = {}
     for name, xy in sensor_positions(scene).items():
         names.setdefault((float(xy[0]), float(xy[1])), []).append(label(name, 16))
@@ -204,7 +216,10 @@ def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
 
 
 def draw_scale_bar(axes: Axes, limits: Floats, unit: str) -> Floats:
-    """Draw a scale bar in the lower right corner, outside the room if possible; return its box."""
+    """Draw a scale bar in the lower right corner; return its box (2, 2: low, high) with its label.
+
+    `limits`: (2, 2) of the plan, in `unit`.
+    """
     size = limits[1] - limits[0]
     goal = 0.15 * float(size.max())
     power = 10.0 ** np.floor(np.log10(goal))
@@ -311,7 +326,7 @@ def _ahead(scene: Scene) -> Floats:
 
 
 def outside(data: ReportInput) -> int:
-    """Number of estimates outside the drawing."""
+    """Return the number of drawn estimates outside the limits of the plan."""
     if data.tracks is None:
         return 0
     (x0, y0), (x1, y1) = plan_limits(data)
@@ -349,13 +364,13 @@ def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
 
 
 def _rows_of(truth: Truth, role: str) -> dict[int, Ints]:
-    """Rows of each identity with a role."""
+    """Return the rows of each identity with a role (`target` or `occluder`)."""
     those = np.flatnonzero(truth.role == role)
     return {identity: those[rows] for identity, rows in rows_by_label(truth.target_id[those])}
 
 
 def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: Any) -> None:
-    """Draw one path, thinned and broken at gaps."""
+    """Draw the path in `rows` of a table, thinned to extremes in `points` sections, broken at gaps."""
     part = table.take(rows)
     keep = thin_path(np.column_stack([part.x, part.y]), points)
     x, y = broken(part.t_ns, keep, part.x, part.y)
@@ -363,7 +378,10 @@ def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: A
 
 
 def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, points: int, **style: Any) -> None:
-    """Draw one path; parts older than `since` are faint."""
+    """Draw the path in `rows` of a table; parts before `since` [ns] are faint, None: none.
+
+    It is thinned to extremes in `points` sections, and broken at gaps.
+    """
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
         _line(axes, table, rows[table.t_ns[rows] <= since], points, **faint)
@@ -395,7 +413,7 @@ def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
 
 
 def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
-    """Legend entries of all paths."""
+    """Return the entries of the legend for all paths."""
     mark: Style = {"color": COLOURS["ink"], "linestyle": "none", "markersize": 6}
     out: list[Line2D | Patch] = []
     if data.truth is not None:
@@ -422,7 +440,7 @@ def _estimate(
 
 
 def confidence_ellipse(rows: Tracks | Occluders, row: int, **style: Any) -> Ellipse:
-    """95 % confidence ellipse of a Gaussian position; a known position has no area."""
+    """Return the 95 % confidence ellipse of the position in a row; a known position gives one without area."""
     covariance = np.array([[rows.cov_xx[row], rows.cov_xy[row]], [rows.cov_xy[row], rows.cov_yy[row]]])
     values, vectors = np.linalg.eigh(covariance)
     minor, major = 2.0 * np.sqrt(CHI2_95_2D * np.maximum(values, 0.0))
@@ -455,7 +473,7 @@ def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
 
 
 def drawn_times(t_ns: Ints) -> Ints:
-    """Times at which priors are drawn."""
+    """Return the times at which priors are drawn, up to `MAX_DRAWN_TIMES` of `t_ns`, evenly spaced [ns]."""
     times = np.unique(t_ns)
     if not len(times):
         return times
@@ -464,7 +482,7 @@ def drawn_times(t_ns: Ints) -> Ints:
 
 
 def _polygons(hulls: Hulls, style: Style) -> list[Patch]:
-    """A patch for each polygon."""
+    """Return a patch of this style for each polygon of the hulls."""
     first = np.flatnonzero(hulls.corner == 0)
     corners = np.split(np.column_stack([hulls.x, hulls.y]), first[1:])
     return [Polygon(xy, closed=True, alpha=0.22, zorder=2.4, **style) for xy in corners]

@@ -42,7 +42,10 @@ OF_ALL = 600
 
 
 def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
-    """Draw the distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z."""
+    """Draw the distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z.
+
+    `all_errors`: of all targets; `target`: its label.
+    """
     errors = of_target(all_errors, target)
     names = axes_of(errors)
     total, *rest = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.0, *[1.0] * len(names)])
@@ -75,7 +78,17 @@ def axes_of(errors: Errors) -> str:
 def _distance(
     axes: Axes, data: ReportInput, target: int, errors: Errors, bound: Bound | None, colour: str, buckets: int
 ) -> None:
-    """Draw the distance between estimate and truth, its running RMSE, and both bounds (filtering, smoothing)."""
+    """Draw the distance between estimate and truth, its running RMSE, and both bounds (filtering, smoothing).
+
+    Args:
+        axes: drawn on.
+        data: running figures and time axis.
+        target: its label.
+        errors: of the target.
+        bound: of the target; None: unknown.
+        colour: of the target.
+        buckets: number of sections to which lines are thinned.
+    """
     time, figures = data.time, data.figures
     assert data.errors is not None
     line(axes, time, errors.t_ns, errors.error, buckets, color=colour, linewidth=0.8, alpha=0.65, label="error")
@@ -108,7 +121,10 @@ def _distance(
 
 
 def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, buckets: int = BUCKETS, **style: object) -> None:
-    """Draw one line, thinned to the extremes of `buckets` sections, broken at gaps."""
+    """Draw one line, thinned to the extremes of `buckets` sections, broken at gaps.
+
+    `values`: (n,) at the times `t_ns` (n,) [ns], which `time` converts.
+    """
     if len(values):
         keep = extremes(values, buckets)
         t, v = broken(t_ns, keep, time.of(t_ns), values)
@@ -120,7 +136,14 @@ def mark_clipped(
 ) -> None:
     """Mark values beyond the upper edge, with the highest one as text.
 
-    Their number is stated only if the values are `all_there`.
+    Args:
+        axes: drawn on.
+        time: time axis.
+        t_ns: (n,) times [ns].
+        values: (n,) values.
+        top: upper edge of the axes.
+        unit: of the values.
+        all_there: their number is stated, since none is left out.
     """
     over = np.flatnonzero(values > top)
     if not len(over):
@@ -145,7 +168,18 @@ def _axis_error(
     colour: str,
     buckets: int,
 ) -> None:
-    """Draw the signed error along one axis, with the spread by the filter and by the bound."""
+    """Draw the signed error along one axis, with the spread by the filter and by the bound.
+
+    Args:
+        axes: drawn on.
+        data: time axis and unit.
+        errors: of the target.
+        bound: of the target; None: unknown.
+        tracks: of the target, with covariances; None: unknown.
+        name: `x`, `y` or `z`.
+        colour: of the target.
+        buckets: number of sections to which lines are thinned.
+    """
     # Columns alone: of a long run tables are large
     t_ns, values = _known(errors.t_ns, getattr(errors, f"error_{name}"))
     shown = [np.abs(values)]
@@ -171,13 +205,22 @@ def _axis_error(
 
 
 def _known(t_ns: Ints, values: Floats) -> tuple[Ints, Floats]:
-    """Times and values, where known."""
+    """Return times and values (n,) without the rows of values that are NaN."""
     known = np.isfinite(values)
     return t_ns[known], values[known]
 
 
 def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, buckets: int) -> None:
-    """Draw the filter's +-2 standard deviations, broken at gaps."""
+    """Draw the filter's +-2 standard deviations, broken at gaps.
+
+    Args:
+        axes: drawn on.
+        time: time axis.
+        t_ns: (n,) times [ns].
+        spread: (n,) two standard deviations.
+        colour: of the target.
+        buckets: number of sections to which the band is thinned.
+    """
     named = "± 2 standard deviations of the filter"
     for piece in np.split(np.arange(len(t_ns)), np.flatnonzero(gaps(t_ns))):
         share = max(4, buckets * len(piece) // len(t_ns))
@@ -222,7 +265,7 @@ def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics)
 
 
 def _deviation(axes: Axes, data: ReportInput) -> None:
-    """Draw the standard deviation of each target's position."""
+    """Draw the standard deviation of each target's position, up to `MAX_PLOTTED_TARGETS`; nothing without tracks."""
     tracks = data.tracks
     if tracks is None:
         return
@@ -236,7 +279,7 @@ def _deviation(axes: Axes, data: ReportInput) -> None:
 
 
 def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
-    """Add marks of fallbacks, time axis and legend to a figure."""
+    """Add marks of fallbacks, time axis and legend to a figure with these axes."""
     _fallbacks(axes, data)
     axes.set_xlabel(data.time.label)
     axes.set_xlim(0.0, max(data.time.length, 1e-9))
@@ -244,7 +287,7 @@ def _finish(figure: FigureBase, axes: Axes, data: ReportInput) -> None:
 
 
 def _scale(axes: Axes, low: float, high: float) -> None:
-    """Scale an axis from zero, or logarithmically for a range of more than a factor 20."""
+    """Scale an ordinate from zero, or logarithmically if `high` is more than 20 times `low` (both of the data)."""
     low = max(low, 1.0)
     if high <= 20.0 * low:
         axes.set_ylim(0.0, 1.1 * max(high, 1.0))
@@ -257,7 +300,7 @@ def _scale(axes: Axes, low: float, high: float) -> None:
 
 
 def _fallbacks(axes: Axes, data: ReportInput) -> None:
-    """Draw marks of fallbacks at the lower edge; if there are very many, every k-th."""
+    """Draw marks of the filter's fallbacks at the lower edge, with their numbers in the legend."""
     for kind, found in data.fared.fallbacks.items() if data.fared is not None else ():
         colour, marker, text = FALLBACKS.get(kind, ("ink", "x", kind))
         axes.plot(
@@ -278,7 +321,7 @@ DOT_MARKERS = ("o", "s", "^", "v", "D", "P")
 
 
 def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
-    """Draw the distance to triangulated positions, and each sensor's residual [deg] below."""
+    """Draw a target's distance to triangulated positions, and each sensor's residual [deg] below."""
     found = data.sight[target]
     handles: list[Line2D] = []
     if found.rows:
@@ -305,7 +348,7 @@ def _plot_distance(axes: Axes, data: ReportInput, found: TriangulationDistances,
 
 
 def _residuals(axes: Axes, data: ReportInput, found: DirectionErrors) -> list[Line2D]:
-    """Draw residuals as dots, with a marker per sensor; return handles for the legend."""
+    """Draw residuals [deg] as dots, with a marker per sensor; return the entries of the legend."""
     degrees = np.degrees(found.residual)
     handles = []
     for i, name in enumerate(found.names):
@@ -346,7 +389,7 @@ def sensors(data: ReportInput) -> tuple[str, ...]:
 def draw_visibility(
     figure: FigureBase, data: ReportInput, coverage: ObservationCoverage, target: int, most: int = MAX_SENSORS
 ) -> None:
-    """Draw a row for each sensor (or the first `most`) for one target; the first sensor is on top."""
+    """Draw a row for each sensor (or the first `most`): when it saw the target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
     cells = max(CELLS_OF_ALL // max(len(names) * min(len(coverage.watched), MAX_TARGETS), 1), MIN_CELLS)
@@ -368,7 +411,7 @@ def coarser(found: SensorSightings, most: int) -> SensorSightings:
 
 
 def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[SensorSightings], names: Sequence[str]) -> None:
-    """Draw a bar for each sensor, labelled with its share of detections; the first sensor is on top."""
+    """Draw a bar for each sensor, with its share of detections, and its name in `names`; the first sensor is on top."""
     shares = []
     for row, found in enumerate(rows):
         _bar(axes, time, found, -float(row))
@@ -387,7 +430,7 @@ def _percent(share: float) -> str:
 
 
 def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
-    """Write the name of each row at the left and its share at the right; the first row is on top."""
+    """Write the names of rows at the left and their shares (texts) at the right; the first row is on top."""
     ticks = [-float(i) for i in range(len(names))]
     axes.set_yticks(ticks, names)
     axes.set_ylim(-len(names) + 1 - 0.6, 0.6)
@@ -401,7 +444,7 @@ def label_rows(axes: Axes, names: Sequence[str], shares: Sequence[str]) -> None:
 
 
 def _bar(axes: Axes, time: TimeAxis, found: SensorSightings, y: float) -> None:
-    """Draw an interval bar: grey without frame, orange when observing, blue for the share of detections."""
+    """Draw a sensor's bar at the ordinate y: grey without frame, orange if observing, blue for detections' share."""
     low = y - HEIGHT / 2
     axes.fill_between([0.0, time.length], low, low + HEIGHT, color=COLOURS["absent"], linewidth=0)
     if not len(found.observed):
@@ -429,7 +472,10 @@ SEEN, SINGLE_VIEW, COASTING = "seen", "view", "hidden"
 
 
 def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, found: PeopleStatistics) -> None:
-    """Draw the number of people above, and a row for each of them below."""
+    """Draw the number of people over time above, and a row for each of them below.
+
+    `tracks`: rows of the people; `found`: their statistics.
+    """
     people, events = found.drawn, data.events
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, max(0.16 * len(people), 0.6)))
     _counts(above, data, found.crowd)
@@ -448,7 +494,7 @@ def draw_crowd(figure: FigureBase, data: ReportInput, tracks: PeopleTracks, foun
 
 
 def draw_seen_by(figure: FigureBase, data: ReportInput, found: PeopleStatistics) -> None:
-    """Draw for each camera, over time, the share of people with a box of it."""
+    """Draw for each camera, over time, the share of the people there that it has a box of."""
     names = found.cameras[:MAX_SENSORS]
     axes = figure.add_subplot()
     rows = [found.sightings(name) for name in names]
@@ -474,7 +520,10 @@ def _counts(axes: Axes, data: ReportInput, found: PeopleCount) -> None:
 
 
 def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
-    """Draw a bar for a person's presence, coloured by the number of detecting cameras."""
+    """Draw a bar at the ordinate y for a person's presence, coloured by the number of detecting cameras.
+
+    `own`: rows of the person.
+    """
     last = max(int(LONGEST_GAP * usual_step(own.t_ns)), 1)
     ends = np.append(np.minimum(own.t_ns[1:], own.t_ns[:-1] + last), own.t_ns[-1] + last)
     kind = np.where(own.seen_by == "", 2, np.where(np.char.find(own.seen_by, ",") < 0, 1, 0))
@@ -488,7 +537,7 @@ def _life(axes: Axes, time: TimeAxis, own: PeopleTracks, y: float) -> None:
 
 
 def _doubts(axes: Axes, time: TimeAxis, people: Ints, events: Events | None) -> None:
-    """Mark possible identity switches in the row of each identity."""
+    """Mark possible identity switches in the row of each of the identities `people` (n,); None: no events."""
     if events is None:
         return
     doubts = events.take((events.kind == "possible_switch") & np.isin(events.target_id, people))
@@ -510,13 +559,13 @@ def _legend(data: ReportInput, events: Events | None) -> list[Patch | Line2D]:
 
 
 def cameras_of(data: ReportInput, found: Selections) -> tuple[str, ...]:
-    """Cameras in scene order, then those in the diagnostics only."""
+    """Return the cameras of the scene in order, then those that are only in the selections."""
     known = () if data.scene is None else tuple(c.name for c in data.scene.cameras)
     return (*known, *sorted(set(found.shares) - set(known)))
 
 
 def draw_selection(figure: FigureBase, data: ReportInput, found: Selections) -> None:
-    """Draw a row for each camera, filled while selected, with the share of time on the right."""
+    """Draw a row for each camera, filled while it is selected, with its share of time on the right."""
     axes = figure.add_subplot()
     names = cameras_of(data, found)[:MAX_SENSORS]
     shares = []

@@ -31,14 +31,14 @@ class SensorRow:
 
 
 def sensor_rows(data: ReportInput) -> list[SensorRow]:
-    """A row per sensor, over all targets."""
+    """Return the rows of the table of sensors, over all targets."""
     fits = _fits(data)
     names = sensors(data)
     return [SensorRow(label(n, 60), *_pose(data, n), *_counts(data, n), *fits.get(n, ("–", "–"))) for n in names]
 
 
 def _pose(data: ReportInput, name: str) -> tuple[str, str, str, str]:
-    """Kind, position, heading and field of view."""
+    """Return kind, position, yaw [deg] and field of view [deg] of the sensor `name`, as text."""
     if data.scene is not None:
         for camera in data.scene.cameras:
             if camera.name == name and not camera.placed:
@@ -57,7 +57,7 @@ def _point(position: Floats) -> str:
 
 
 def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
-    """Observations, detections, and their ratio."""
+    """Return numbers of frames and detections of the sensor `name`, and their ratio [%], as text."""
     if data.coverage is None:
         return "–", "–", "–"
     observed, seen = data.coverage.sensors.get(name, (0, 0))

@@ -125,7 +125,7 @@ def plan_values(data: ReportInput, steps: ReplaySteps) -> tuple[dict[str, Any], 
 
 
 def safe_json(values: object) -> str:
-    """JSON that is safe inside an HTML script element."""
+    """Return `values` as JSON that is safe inside an HTML script element."""
     text = json.dumps(values, ensure_ascii=True, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -135,7 +135,10 @@ def _rounded(points: Floats) -> list[Any]:
 
 
 def _sigma_step(data: ReportInput, steps: ReplaySteps) -> float:
-    """Quantisation step of standard deviations, such that the largest (up to twice the plan) fits 16 bits."""
+    """Return the step to which standard deviations are rounded, such that the largest fits 16 bits [length].
+
+    The largest counts up to twice the size of the plan.
+    """
     most = 2.0 * float((steps.limits[1] - steps.limits[0]).max())
     tracks = data.tracks
     if tracks is not None and len(tracks):
@@ -146,7 +149,10 @@ def _sigma_step(data: ReportInput, steps: ReplaySteps) -> float:
 
 
 def _sensors(scene: Scene, limits: Floats) -> list[dict[str, Any]]:
-    """Position, axis and field of view of each sensor with a known pose."""
+    """Return position, axis and field of view of each sensor with a pose, for the page's script.
+
+    `limits`: (2, 2) of the plan.
+    """
     far = float(np.hypot(*(limits[1] - limits[0])))
     placed: list[Camera | MicrophoneArray] = [*(c for c in scene.cameras if c.placed), *scene.arrays]
     out = []

@@ -50,25 +50,31 @@ def packed(kind: str, values: ArrayLike) -> Packed:
 
 
 def placed(values: Floats, middle: float, step: float) -> Ints:
-    """(N,) positions in integer steps from the centre of the plan, clipped to 16 bits."""
+    """Return coordinates `values` (N,) as integer steps from the centre of the plan, clipped to 16 bits.
+
+    `middle`: coordinate of the centre; `step`: length of a step.
+    """
     steps = np.round((values - middle) / step)
     return np.asarray(np.clip(steps, -MAX_INT16, MAX_INT16).astype(np.int64))
 
 
 def starts(step: Ints, n_steps: int) -> Packed:
-    """First row of each time step and the end, for rows sorted by time step."""
+    """Return the first row of each of `n_steps` time steps, and the end, encoded for the page's script.
+
+    `step`: (N,) time step of each row, rising.
+    """
     return packed("u4", np.searchsorted(step, np.arange(n_steps + 1)))
 
 
 class Words:
-    """Table of distinct texts."""
+    """Table of distinct texts, numbered in the order of their first use."""
 
     def __init__(self) -> None:
-        """Create an empty list of times."""
+        """Create a table without texts."""
         self._numbers: dict[str | None, int] = {}
 
     def numbers(self, texts: Iterable[Any], known: Bools | None = None) -> Ints:
-        """(N,) number of each text; unknown ones have that of None."""
+        """Return the number (N,) of each of N texts, adding new ones; where `known` (N,) is False, that of None."""
         out = [
             self._numbers.setdefault(None if known is not None and not known[k] else str(text), len(self._numbers))
             for k, text in enumerate(texts)
@@ -77,7 +83,7 @@ class Words:
 
     @property
     def all(self) -> list[str | None]:
-        """All texts, by number; at least one."""
+        """All texts by number; at least one (empty)."""
         return list(self._numbers) or [""]
 
 
@@ -113,17 +119,17 @@ class ReplaySteps:
 
     @property
     def count(self) -> int:
-        """Number of times, including those not drawn."""
+        """Number of times in the data, those not drawn included."""
         return 0 if self._leading is None else self._leading.times
 
     @property
     def every(self) -> int:
-        """Every n-th time is kept."""
+        """Every how many times one is kept."""
         return self.data.figures.every
 
     @cached_property
     def kept(self) -> Ints:
-        """(M,) the times that are kept."""
+        """Times (M,) that the page shows [ns], those of images included."""
         times, time = self.data.figures.times, self.data.time
         if not self.data.in_images or not len(times):
             return times
@@ -156,7 +162,7 @@ class ReplaySteps:
 
     @cached_property
     def seconds(self) -> Floats:
-        """(M,) seconds since the report's start."""
+        """Times (M,) that the page shows [s], since the report's start."""
         return np.asarray((self.kept - self.data.time.start_ns) / NS)
 
     def at(self, t_ns: Ints) -> tuple[Ints, Ints]:
@@ -167,7 +173,7 @@ class ReplaySteps:
         return rows, step[rows]
 
     def pack_positions(self, table: Tracks | Truth | Hulls, rows: Ints) -> dict[str, Packed]:
-        """Positions of rows."""
+        """Return x and y of the rows, in 16-bit steps, encoded for the page's script."""
         middle = self.limits.mean(axis=0)
         xs, ys = (np.where(np.isfinite(v[rows]), v[rows], np.inf) for v in (table.x, table.y))
         return {
@@ -220,7 +226,10 @@ class ReplaySteps:
         }
 
     def _said(self, tracks: Tracks, rows: Ints) -> tuple[Texts, Bools, Texts]:
-        """Sensors that detected each row's target, whether these are known, and quality flags."""
+        """Return sensors that detected each row's target, whether these are known, and quality flags; each (n,).
+
+        `rows`: (n,) rows of the tracks.
+        """
         if self.data.everybody is not None:
             people = self.data.everybody
             known = np.isfinite(people.existence_probability[rows]) | self.data.in_images
@@ -248,7 +257,7 @@ class ReplaySteps:
         return names, known, doubt
 
     def truth(self) -> dict[str, Packed]:
-        """True positions of each time step."""
+        """Return the true positions at each time step, encoded for the page's script; empty without a truth."""
         truth = self._truth
         if truth is None:
             return {}
@@ -271,7 +280,10 @@ class ReplaySteps:
         }
 
     def sight(self, sensors: list[str]) -> tuple[dict[str, Packed], int]:
-        """Directions of detections at each time step, and the interval of steps that have them."""
+        """Return directions of detections at each time step, encoded, and the interval of steps that have them.
+
+        `sensors`: names, by whose index a detection names its sensor.
+        """
         bearings = self.data.bearings
         if bearings is None or not len(bearings) or not len(self.kept):
             return {}, 1
@@ -336,7 +348,7 @@ class ReplaySteps:
 
 
 def _steps(values: Floats, step: float, unknown: int, most: int = MISSING - 1) -> Ints:
-    """(N,) values >= 0 in integer steps, at most `most`; `unknown` for values that are not finite."""
+    """Return values >= 0 (N,) in integer multiples of `step`, at most `most`; `unknown` for those not finite."""
     found = np.isfinite(values)
     steps = np.clip(np.round(np.where(found, values, 0.0) / step), 0, most)
     return np.asarray(np.where(found, steps, unknown).astype(np.int64))

@@ -62,16 +62,16 @@ class Thumbnails:
 
     @property
     def words(self) -> str:
-        """Sentence about the images."""
+        """Sentence that states how many of the time steps have images; empty if all have."""
         return f"Images: {self.n_steps:,} of {self.of:,} time steps." if self.of > self.n_steps else ""
 
     @property
     def times(self) -> Ints:
-        """(N,) distinct times of all images [ns]."""
+        """Distinct times (N,) of all images [ns]."""
         return np.unique(np.array([t for images in self.cameras.values() for t, _ in images], dtype=np.int64))
 
     def packed(self, start_ns: int) -> list[dict[str, Any]]:
-        """Return the images and their times, encoded for the page's script."""
+        """Return the images and their times [s] after `start_ns`, encoded for the page's script."""
         return [
             {
                 "index": index,
@@ -128,7 +128,14 @@ def _size(
     sources: OverlayTables | ImageTables | None,
     targets: Sequence[int],
 ) -> int:
-    """Total size [bytes] of the first decodable images of all cameras."""
+    """Return the total size [bytes] of the first decodable image of each camera, with its drawings.
+
+    Args:
+        opened: the recording.
+        known: numbers of the frames by camera.
+        sources: tables that are drawn; None: none.
+        targets: identities, which set the colours.
+    """
     wanted = {name: set(own) for name, own in known.items()}
     size = 0
     for name, _, data in _drawn(opened, wanted, sources, targets, LostFrames()):
@@ -140,7 +147,7 @@ def _size(
 
 
 def _before(times: Ints, chosen_ns: Ints) -> set[int]:
-    """Latest of the sorted times at or before each time step."""
+    """Return the latest of the sorted times at or before each of the time steps `chosen_ns` [ns], as a set."""
     at = np.searchsorted(times, chosen_ns, side="right") - 1
     return set(times[at[at >= 0]].tolist())
 
@@ -152,9 +159,16 @@ def _drawn(
     targets: Sequence[int],
     lost: LostFrames,
 ) -> Iterator[tuple[str, int, bytes]]:
-    """Camera, time and JPEG of each selected frame.
+    """Generate camera, time [ns] and JPEG of each selected frame, with its drawings.
 
     A frame that cannot be decoded is black, or omitted if it precedes the first decodable one.
+
+    Args:
+        opened: the recording.
+        chosen: times of the frames by camera [ns].
+        sources: tables that are drawn; None: none.
+        targets: identities, which set the colours.
+        lost: records frames that cannot be decoded.
     """
     scene = opened.scene
     metres = 1.0 if scene is None else METRES.get(scene.length_unit, 1.0)

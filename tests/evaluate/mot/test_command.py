@@ -331,7 +331,7 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         ([*EVALUATE, "--bearings", "truth.parquet"], 2, "--bearings is for TRACKS on the ground"),
         ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance is for TRACKS on the ground"),
         ([*EVALUATE, "--gospa-cutoff", "3"], 2, "at most 1 apart"),
-        ([*EVALUATE, "--camera", "west"], 4, "recording.mcap: no camera west; there is east, north"),
+        ([*EVALUATE, "--camera", "west"], 4, "no rows of camera west; choose with --camera: east, north"),
         ([*EVALUATE, "--frames", "90:99"], 4, "recording.mcap: no row in frames 90:99; they are 0 to 9"),
         ([*EVALUATE, "--mot", "truth.parquet"], 4, "name a folder"),
         ([*EVALUATE, "--failures", "truth.parquet"], 7, "truth.parquet: exists"),

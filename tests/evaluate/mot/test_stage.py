@@ -230,7 +230,7 @@ def test_tracks_that_cannot_be_compared(tracks: list[Row], words: str) -> None:
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        (MultiTargetConfig(cameras=("z",)), "truth: no camera z; there is a, b"),
+        (MultiTargetConfig(cameras=("z",)), "truth: no rows of camera z; choose with --camera: a, b"),
         (MultiTargetConfig(frames=(50, 60)), "truth: no row in frames 50:60; they are 0 to 9"),
     ],
 )

@@ -76,7 +76,7 @@ def _points(points: Floats) -> list[Point3]:
 
 
 def _drawn(lines: Sequence[Polyline], dash: float) -> Iterator[Floats]:
-    """Points of each line: its vertices, or the ends of its dashes."""
+    """Generate the points (k, d) of each line: its vertices, or the ends of its dashes of length `dash`."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return (next(ends) if line.dashed else line.points for line in lines)
 
@@ -112,7 +112,10 @@ def _add_text(entity: SceneEntity, text: Text) -> None:
 
 
 def image_annotations(things: Sequence[DrawingGroup], t_ns: int) -> bytes:
-    """`foxglove.ImageAnnotations` with lines and texts over an image, in pixels (centres at integers)."""
+    """Return an encoded `foxglove.ImageAnnotations` with the lines and texts of `things` over an image.
+
+    Points are in pixels with centres at integers. `t_ns`: time of the image [ns].
+    """
     message = ImageAnnotations()
     if "timestamp" in ImageAnnotations.DESCRIPTOR.fields_by_name:  # since 0.4 of the schemas
         message.timestamp.FromNanoseconds(t_ns)
@@ -147,7 +150,13 @@ PLACED = np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)])
 
 
 def point_cloud(things: Iterable[DrawingGroup], t_ns: int, frame: str) -> bytes:
-    """`foxglove.PointCloud` along the lines and edges of shapes [m], then of their dots; texts are omitted."""
+    """Return an encoded `foxglove.PointCloud` along lines and edges of shapes [m], then of their dots.
+
+    Args:
+        things: shapes; their texts are left out.
+        t_ns: time [ns].
+        frame: name of the coordinate frame of the points.
+    """
     things = list(things)
     cut = iter(_cut([line for thing in things for line in thing.lines], DASH))
     ways: list[Floats] = []
@@ -187,7 +196,15 @@ def image_cloud(things: Sequence[DrawingGroup], t_ns: int, frame: str, camera: C
 
 
 def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, frame: str) -> bytes:
-    """Message of points (N, 3), coloured in runs of the given counts."""
+    """Return an encoded `foxglove.PointCloud`.
+
+    Args:
+        points: (N, 3).
+        counts: (k,) numbers of successive points of one colour; they sum to N.
+        colours: colour of each.
+        t_ns: time [ns].
+        frame: name of the coordinate frame.
+    """
     packed = np.zeros(len(points), dtype=PLACED)
     if len(points):
         packed["xyz"] = points
@@ -205,7 +222,7 @@ def _message(points: Floats, counts: Ints, colours: Sequence[Rgba], t_ns: int, f
 
 
 def _cut(lines: Sequence[Polyline], dash: float) -> list[list[Floats]]:
-    """Polylines (k, d) that are drawn: each line, or its dashes."""
+    """Return for each line the polylines (k, d) that are drawn: itself, or its dashes of length `dash`."""
     ends = iter(dashes([line.points for line in lines if line.dashed], dash))
     return [list(next(ends).reshape(-1, 2, line.points.shape[1])) if line.dashed else [line.points] for line in lines]
 

@@ -45,7 +45,7 @@ NAME_SIZE, NAME_PX = 0.3, 14.0
 
 @dataclass(frozen=True, eq=False)
 class PersonEstimate:
-    """Estimate of a target [m], for drawing."""
+    """Estimate of a target at one time, for drawing: position, covariance, floor, and size of the person [m]."""
 
     t_ns: int
     target: int
@@ -59,34 +59,34 @@ class PersonEstimate:
 
     @property
     def unsure(self) -> bool:
-        """Whether it is drawn dashed: coasting, or with a quality flag."""
+        """Whether the person is drawn dashed: no sensor detects it, or it has a quality flag."""
         return bool(self.quality_flags) or (self.seen_by is not None and not self.seen_by)
 
     @cached_property
     def rim(self) -> Floats | None:
-        """(k, 2) points of the 95 % ellipse of its position; None if unknown."""
+        """Points (k, 2) of the 95 % ellipse of the position [m]; None if unknown."""
         return rim(self.xy, self.covariance) if np.isfinite(self.covariance).all() else None
 
     @cached_property
     def body(self) -> Floats:
-        """(2 n, 3) points around the feet and the head."""
+        """Points (2 n, 3) on circles around the feet and the head [m]."""
         ring = around(self.xy, np.full(2, 0.5 * self.width))
         return np.vstack([at_height(ring, self.floor), at_height(ring, self.floor + self.height)])
 
 
 class Palette:
-    """Colours of targets, by order of identity."""
+    """Colours of targets, assigned by the order of their identities."""
 
     def __init__(self, targets: Iterable[int]) -> None:
         """Assign colours to all identities `targets`, in order."""
         self._index = {target: n for n, target in enumerate(sorted(set(targets)))}
 
     def __len__(self) -> int:
-        """Number of targets."""
+        """Return the number of targets."""
         return len(self._index)
 
     def __call__(self, target: int) -> Rgba:
-        """Colour of a target; grey for an unknown one."""
+        """Return the colour of a target; grey for an unknown one."""
         if target not in self._index:
             return GREY
         r, g, b = target_rgb(self._index[target])
@@ -97,12 +97,12 @@ class DiagnosticsDrawing:
     """Latest filter diagnostics of each target: sensors that detect it, quality flags."""
 
     def __init__(self) -> None:
-        """Start without diagnostics."""
+        """Create a store without diagnostics."""
         self.quality_flags: dict[int, str] = {}
         self.seen_by: dict[int, frozenset[str] | None] = {}
 
     def add(self, rows: Diagnostics) -> None:
-        """Add the rows of one time."""
+        """Store quality flags and detecting sensors of each target from the rows of one time."""
         for k, target in enumerate(rows.target_id.tolist()):
             self.quality_flags[target] = str(rows.quality_flags[k]) or str(rows.fallback[k])
             names = frozenset(filter(None, str(rows.seen_by[k]).split(",")))
@@ -151,13 +151,18 @@ class PeopleDrawing:
     """Latest estimate of each target, and its trail over the last seconds."""
 
     def __init__(self, palette: Palette, trail_ns: int = TRAIL_NS) -> None:
-        """Start without targets."""
+        """Create a drawing without targets.
+
+        Args:
+            palette: colours of the targets.
+            trail_ns: length of the trails in time [ns].
+        """
         self._palette, self._trail_ns = palette, trail_ns
         self._people: dict[int, PersonEstimate] = {}
         self._trails: dict[int, deque[tuple[int, Floats]]] = {}
 
     def add(self, people: Iterable[PersonEstimate]) -> None:
-        """Add the estimates of one time."""
+        """Set the current estimates of the targets, all of one time, and extend their trails."""
         for person in people:
             self._people[person.target] = person
             trail = self._trails.setdefault(person.target, deque())
@@ -166,7 +171,7 @@ class PeopleDrawing:
                 trail.popleft()
 
     def at(self, t_ns: int) -> list[PersonEstimate]:
-        """Current targets, by identity; those without recent estimates are dropped."""
+        """Return the current estimates at `t_ns` [ns], by identity; targets without recent ones are dropped."""
         for target in [name for name, person in self._people.items() if person.t_ns < t_ns - STALE_NS]:
             del self._people[target], self._trails[target]
         return [self._people[target] for target in sorted(self._people)]
@@ -176,7 +181,7 @@ class PeopleDrawing:
         return self._people.get(target)
 
     def trail(self, target: int) -> Floats:
-        """(k, 2) trail of a target, earliest first; at most `TRAIL_POINTS`, evenly selected."""
+        """Return the trail (k, 2) of a target, earliest first; at most `TRAIL_POINTS`, evenly selected."""
         points = np.array([xy for _, xy in self._trails[target]])
         keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), TRAIL_POINTS)).round().astype(np.int64))
         return np.asarray(points[keep])
@@ -199,9 +204,10 @@ class PeopleDrawing:
         return DrawingGroup(f"target {person.target}", lines, [body], texts=[name])
 
     def in_image(self, camera: Camera, metres: float, t_ns: int) -> list[DrawingGroup]:
-        """Shapes over a camera's image.
+        """Return shapes over a camera's image at the time `t_ns` [ns].
 
-        Outline and floor ellipse of each target, dashed if the camera does not detect it.
+        Outline and floor ellipse of each target, dashed if the camera does not detect it. `metres`: metres per length
+        unit.
         """
         things = []
         for person in self.at(t_ns):
@@ -220,12 +226,17 @@ class PeopleDrawing:
 
 
 def name_of(person: PersonEstimate) -> str:
-    """Number of a person's track, with a question mark if the identity is ambiguous."""
+    """Return the number of a person's track, with a question mark if the identity is ambiguous."""
     return f"{person.target}?" if person.quality_flags else str(person.target)
 
 
 def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
-    """True positions: white columns, and grey ones for occluders."""
+    """Return shapes of true positions: white columns, and grey ones for occluders.
+
+    Args:
+        rows: true positions of one time.
+        metres: metres per length unit of the rows.
+    """
     things = []
     for role, target, x, y in zip(
         rows.role.tolist(), rows.target_id.tolist(), rows.x.tolist(), rows.y.tolist(), strict=True
@@ -239,9 +250,9 @@ def true_in_space(rows: Truth, metres: float) -> list[DrawingGroup]:
 
 
 def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(4,) left, top, right, bottom [px] of a person.
+    """Return left, top, right and bottom (4,) [px] of a person in a camera's image.
 
-    None if not entirely in front of the camera, or outside the image.
+    None if not entirely in front of the camera, or outside the image. `metres`: metres per length unit.
     """
     away = person.xy / metres - camera.ground
     aside = float(wrap_angle(np.arctan2(away[1], away[0]) - camera.yaw))
@@ -256,7 +267,10 @@ def body_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floats | None:
-    """(k, 2) projected 95 % ellipse of the position on the floor [px]; None if not visible."""
+    """Return the projected 95 % ellipse (k, 2) of the position on the floor [px]; None if not visible.
+
+    `metres`: metres per length unit of the camera's scene.
+    """
     if person.rim is None or not camera.above_floor:
         return None
     pixels = camera.project(at_height(person.rim, person.floor) / metres)
@@ -264,13 +278,18 @@ def feet_in_image(person: PersonEstimate, camera: Camera, metres: float) -> Floa
 
 
 def corners(box: Floats) -> Floats:
-    """(5, 2) closed polyline of the edges left, top, right, bottom."""
+    """Return the closed polyline (5, 2) around a box (4,): left, top, right, bottom."""
     left, top, right, bottom = box.tolist()
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
 
 
 def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
-    """Ellipses of image trackers; dashed if interactions are unresolved, or if occluded."""
+    """Return shapes of the ellipses of image trackers; dashed if interactions are unresolved, or if occluded.
+
+    Args:
+        rows: ellipses in one image.
+        palette: colours of the targets.
+    """
     helped = rows.assisting_views != ""
     dashed = ((rows.neighbours != "") & ~helped) | (rows.likelihood_mode == GROUND)
     things = []
@@ -286,7 +305,7 @@ def tracked_in_image(rows: ViewTracks, palette: Palette) -> list[DrawingGroup]:
 
 
 def boxes_in_image(rows: Boxes | Views | TruthBoxes) -> list[DrawingGroup]:
-    """Boxes of a detector (grey), or true boxes (white, dashed if the target is occluded)."""
+    """Return shapes of boxes of a detector (grey), or of true boxes (white, dashed if the target is occluded)."""
     true = isinstance(rows, TruthBoxes)
     if isinstance(rows, Boxes):  # a frame without boxes has a row without one
         rows = rows.take(rows.box >= 0)

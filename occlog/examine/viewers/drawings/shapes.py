@@ -42,7 +42,7 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """An upright cylinder."""
+    """Upright cylinder with the middle of its base at `foot` (3,), all lengths in metres."""
 
     foot: Floats  # (3,) middle of its lower end
     width: float
@@ -52,7 +52,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Fill:
-    """Triangles (3 k, 3), each of three corners."""
+    """Triangles (3 k, 3), three successive corners each, filled with one colour."""
 
     corners: Floats
     colour: Rgba
@@ -70,7 +70,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Dots:
-    """Separate points (n, 3) in the world."""
+    """Separate points (n, 3) in the world, all of one colour [m]."""
 
     points: Floats
     colour: Rgba
@@ -89,12 +89,12 @@ class DrawingGroup:
 
 
 def faded(colour: Rgba, opacity: float) -> Rgba:
-    """Return the colour with another opacity."""
+    """Return the colour with the given opacity, 0 to 1."""
     return (*colour[:3], opacity)
 
 
 def smaller(thing: DrawingGroup, shrunk: float) -> DrawingGroup:
-    """Scale a shape over an image to a reduced image (pixel centres at integers in both)."""
+    """Return a shape over an image for the image reduced by the factor `shrunk` (pixel centres at integers in both)."""
     lines = [replace(line, points=shrunk * (line.points + 0.5) - 0.5) for line in thing.lines]
     texts = [replace(text, at=shrunk * (text.at + 0.5) - 0.5) for text in thing.texts]
     return replace(thing, lines=lines, texts=texts)
@@ -112,27 +112,30 @@ def rim(middle: Floats, covariance: Floats) -> Floats:
 
 
 def around(middle: Floats, half: Floats, axes: Floats | None = None) -> Floats:
-    """(RIM + 1, 2) points of an ellipse with half axes (2,) along the columns of `axes` (2, 2)."""
+    """Return points (RIM + 1, 2) of an ellipse about `middle` (2,) with half axes `half` (2,).
+
+    `axes`: (2, 2) directions of the half axes as columns; None: x and y.
+    """
     unit = UNIT_CIRCLE * half
     return np.asarray(middle + (unit if axes is None else unit @ axes.T))
 
 
 def at_height(points: Floats, z: float) -> Floats:
-    """(k, 3) points of the plan at height z."""
+    """Return points (k, 2) of the plan as (k, 3) at height z."""
     out = np.empty((len(points), 3))
     out[:, :2], out[:, 2] = points, z
     return out
 
 
 def fan(polygon: Floats, z: float) -> Floats:
-    """(3 (k - 2), 3) triangles of a convex polygon (k, 2) at height z; viewers show both sides."""
+    """Return triangles (3 (k - 2), 3) of a convex polygon (k, 2) at height z; viewers show both sides."""
     n = len(polygon) - 2
     order = np.column_stack([np.zeros(n, dtype=np.int64), np.arange(1, n + 1), np.arange(2, n + 2)])
     return at_height(polygon[order.reshape(-1)], z)
 
 
 def triangles(polygon: Floats, z: float) -> Floats:
-    """(3 k, 3) triangles of a simple polygon (K, 2) at height z."""
+    """Return triangles (3 k, 3) of a simple polygon (K, 2) at height z."""
     import shapely
 
     parts = shapely.constrained_delaunay_triangles(shapely.Polygon(polygon)).geoms
@@ -226,7 +229,13 @@ def _at(groups: Sequence[EqualLengthPolylines], wanted: Floats, counts: Ints) ->
 
 
 def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Floats:
-    """(n, d) points at distances (n,) along the polylines of a group, interpolated like `np.interp`."""
+    """Return points (n, d) along polylines, interpolated as by `np.interp`.
+
+    Args:
+        group: m polylines with equal numbers of vertices.
+        counts: (m,) number of points on each; they sum to n.
+        wanted: (n,) distances from the beginning of the polyline, rising on each.
+    """
     points, along = group.points, group.along
     size, axes = points.shape[1:]
     owner = np.repeat(np.arange(len(points)), counts)
@@ -244,7 +253,13 @@ def _between(group: EqualLengthPolylines, counts: Ints, wanted: Floats) -> Float
 
 
 def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
-    """(n,) number of vertices of the polyline at or before each distance, excluding the first."""
+    """Return for n points the number (n,) of vertices at or before each, not counting the first vertex.
+
+    Args:
+        along: (m, k) distance of the k vertices of m polylines from their beginning.
+        counts: (m,) number of points on each; they sum to n.
+        wanted: (n,) distances of the points.
+    """
     if along.shape[1] == 2:
         return (wanted >= np.repeat(along[:, 1], counts)).astype(np.int64)
     parts = np.split(wanted, np.cumsum(counts)[:-1])
@@ -252,5 +267,5 @@ def _passed(along: Floats, counts: Ints, wanted: Floats) -> Ints:
 
 
 def _from_zero(counts: Ints) -> Ints:
-    """Concatenated ranges 0, 1, ..., count - 1 for each count."""
+    """Return the concatenated ranges 0, 1, ..., count - 1 for each count in `counts` (n,)."""
     return np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -50,18 +50,24 @@ MODELS = {"brown": ("plumb_bob", 5), "opencv": ("rational_polynomial", 8), "equi
 
 
 def world_of(scene: Scene | None) -> str:
-    """Name of the world frame, different from all sensor names (which name their frames)."""
+    """Return the name of the world frame, different from all sensor names (which name their frames)."""
     names = () if scene is None else [sensor.name for sensor in scene.sensors]
     return WORLD if WORLD not in names else f"{WORLD}_"
 
 
 def placed(scene: Scene) -> list[Camera | MicrophoneArray]:
-    """Sensors with known poses."""
+    """Return the cameras of the scene that have poses, then its microphone arrays."""
     return [*(camera for camera in scene.cameras if camera.placed), *scene.arrays]
 
 
 def frame_transforms(scene: Scene, t_ns: int, metres: float) -> bytes:
-    """`foxglove.FrameTransforms` with the pose of each sensor; `metres`: metres per length unit."""
+    """Return an encoded `foxglove.FrameTransforms` with the pose of each sensor.
+
+    Args:
+        scene: the sensors.
+        t_ns: time [ns].
+        metres: metres per length unit.
+    """
     message = FrameTransforms()
     for sensor in placed(scene):
         entry = message.transforms.add(parent_frame_id=world_of(scene), child_frame_id=sensor.name)
@@ -100,7 +106,7 @@ def camera_calibration(camera: Camera, size: tuple[int, int], t_ns: int) -> byte
 
 
 def smaller_camera(camera: Camera, shrunk: float) -> Camera:
-    """The camera for reduced images."""
+    """Return the camera for images reduced by the factor `shrunk`."""
     return replace(
         camera,
         focal_px=shrunk * camera.focal_px,
@@ -118,7 +124,7 @@ LIFTED = 0.01
 
 
 def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """Shapes of the plan [m]; `metres`: metres per length unit."""
+    """Return the shapes of the floor plan [m]: room, occluders, sensors; `metres`: metres per length unit."""
     things: list[DrawingGroup] = []
     if scene.room is not None:
         room = metres * scene.room
@@ -152,7 +158,10 @@ def _prism(occluder: Occluder, metres: float) -> DrawingGroup:
 
 
 def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """Parts of the floor hidden by static occluders, for each camera [m]."""
+    """Return the parts of the floor that static occluders hide, filled shapes for each camera [m].
+
+    `metres`: metres per length unit.
+    """
     things = []
     room = walls(scene, metres)
     for camera in (c for c in scene.cameras if c.placed):
@@ -165,7 +174,10 @@ def static_shadows(scene: Scene, metres: float) -> list[DrawingGroup]:
 
 
 def walls(scene: Scene, metres: float) -> Polygon | None:
-    """Boundary of shadows: convex hull of the room [m]; None without a room."""
+    """Return the boundary at which shadows end: the convex hull of the room [m]; None without a room.
+
+    `metres`: metres per length unit.
+    """
     import shapely
 
     return None if scene.room is None else shapely.convex_hull(shapely.MultiPoint(metres * scene.room))
@@ -214,10 +226,17 @@ AROUND = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 
 
 class SightDrawing:
-    """Draws the observations of a scene's sensors."""
+    """Makes shapes of what the sensors of a scene observe: lines of sight, candidates, selected cameras."""
 
     def __init__(self, scene: Scene, metres: float, palette: Palette, crowd: PeopleDrawing) -> None:
-        """Start without drawings; `metres`: metres per length unit; `crowd`: current positions of targets."""
+        """Create a drawing for the sensors of a scene.
+
+        Args:
+            scene: the scene.
+            metres: metres per length unit.
+            palette: colours of the targets.
+            crowd: current positions of the targets.
+        """
         self._scene, self._metres, self._palette, self._crowd = scene, metres, palette, crowd
         self._sensors: Mapping[str, Camera | MicrophoneArray] = {sensor.name: sensor for sensor in placed(scene)}
         self._walls = walls(scene, metres)
@@ -248,7 +267,7 @@ class SightDrawing:
         return things
 
     def chosen(self, names: Iterable[str]) -> list[DrawingGroup]:
-        """Marks at the selected cameras."""
+        """Return marks at the cameras of these names; others are left out."""
         things = []
         for name in names:
             if name in self._sensors:
@@ -257,7 +276,7 @@ class SightDrawing:
         return things
 
     def shadows(self, t_ns: int) -> list[DrawingGroup]:
-        """Parts of the floor that people hide from each camera."""
+        """Return the parts of the floor that people hide from each camera at `t_ns` [ns], as shapes."""
         people = self._crowd.at(t_ns)
         cameras = [c for c in self._scene.cameras if c.placed]
         if not people or not cameras:

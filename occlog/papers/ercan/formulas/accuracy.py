@@ -20,7 +20,7 @@ MOST = 0.5
 
 
 def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the share of random positions with probability within some sigma of Monte Carlo, for each form.
+    """Table of the share of random positions with probability within some sigma of Monte Carlo, for each form.
 
     Every run has `steps` positions and as many priors; each is compared with 16 draws of the
     occluder a position, at least 1,000 and at most 10,000 (the paper does not state how many).
@@ -72,7 +72,10 @@ def _covariances(priors: Priors) -> Floats:
 
 
 def _diagonal(positions: Floats, priors: Priors, form: int) -> Floats:
-    """Return (n,) the probability that occluder i hides position i."""
+    """Return the probabilities (n,) that the occluder of prior i hides position i, by the form of that number.
+
+    `positions` (n, 2) are seen from a camera at the origin; `priors` are n.
+    """
     camera = np.zeros(2)
     return np.array(
         [blocking(positions[i : i + 1], camera, _one(priors, i), form)[0, 0] for i in range(len(positions))]
@@ -80,7 +83,14 @@ def _diagonal(positions: Floats, priors: Priors, form: int) -> Floats:
 
 
 def _monte_carlo(positions: Floats, priors: Priors, draws: int, rng: np.random.Generator) -> Floats:
-    """Return (n,) the share of drawn occluders with centre in the rectangle from the camera to the position."""
+    """Return the shares (n,) of drawn occluders whose centre is in the rectangle from the camera to the position.
+
+    Args:
+        positions: (n, 2), seen from a camera at the origin.
+        priors: n, one for each.
+        draws: number of occluders drawn from each.
+        rng: random numbers.
+    """
     out = np.empty(len(positions))
     e = priors.axis
     for i, position in enumerate(positions):
@@ -94,7 +104,7 @@ def _monte_carlo(positions: Floats, priors: Priors, draws: int, rng: np.random.G
 
 
 def judge17(table: Table) -> list[StatementVerdict]:
-    """Judge the statement about Fig. 17 that most of the positions are within the tolerance."""
+    """Return the verdicts on the statement about Fig. 17 that most of the positions are within the tolerance."""
     out = []
     rule = f"more than {MOST:.0%} of the positions; in part from half of that"
     for name in FORMS:

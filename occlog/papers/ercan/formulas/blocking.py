@@ -83,7 +83,14 @@ def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats
 
 
 def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floats:
-    """Return (L, N, M) probabilities q_ij for all cameras (N, 2); see `blocking`."""
+    """Return the probabilities (L, N, M) that occluder j hides a position from a camera; see `blocking`.
+
+    Args:
+        xy: (L, 2) positions.
+        cameras: (N, 2) positions of cameras.
+        priors: M priors.
+        form: PRINTED, IMPROVED or QUADRATURE.
+    """
     out = np.zeros((len(xy), len(cameras), len(priors.sigma)))
     for i, camera in enumerate(cameras):
         out[:, i] = blocking(xy, camera, priors, form)
@@ -92,7 +99,15 @@ def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floa
 
 @kernel
 def _exact_into(out: Floats, xy: Floats, camera: Floats, priors: Priors, which: Bools) -> None:
-    """Fill the columns `which` of `out` (L, M) with exact probabilities."""
+    """Write exact probabilities to the columns of `out` (L, M) in the mask `which` (M,), in place.
+
+    Args:
+        out: probability that each of M occluders hides each of L positions.
+        xy: (L, 2) positions.
+        camera: (1, 2) position of the camera.
+        priors: M priors.
+        which: mask of the columns.
+    """
     for j in range(which.shape[0]):
         if which[j]:
             for p in range(xy.shape[0]):
@@ -200,7 +215,13 @@ def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """Return (L,) p(eta) from p_Q (L, 2^N) by Eq. 9 written out, at least `floor`."""
+    """Return p(eta) (L,) from p_Q by Eq. 9 written out, at least `floor`.
+
+    Args:
+        seen: (L, 2^N) p_Q of every subset Q of N cameras.
+        eta: (N,) whether camera i sees the position.
+        floor: least value returned.
+    """
     base, hidden = _number(eta), _number(~np.asarray(eta, dtype=np.bool_))
     total = np.zeros(len(seen))
     H = hidden
@@ -212,9 +233,9 @@ def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
 
 
 def patterns(seen: Floats) -> Floats:
-    """Return (L, 2^N) p(eta) of all eta at once from p_Q, not floored; column = sum of eta_i 2^i.
+    """Return p(eta) (L, 2^N) of all eta at once, not floored; column = sum of eta_i 2^i.
 
-    They sum to p of the empty set, which is 1.
+    They sum to p of the empty set, which is 1. `seen`: (L, 2^N) p_Q of every subset Q of N cameras.
     """
     out = seen.copy()
     columns: Ints = np.arange(seen.shape[1], dtype=np.int64)
@@ -235,7 +256,7 @@ def _seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def _number(eta: Bools) -> int:
-    """Return the number of a subset of cameras: bit i is set if camera i is in it."""
+    """Return the number of a subset of cameras: bit i is set if `eta` (N,) is True at i."""
     return sum(1 << i for i, one in enumerate(eta) if one)
 
 

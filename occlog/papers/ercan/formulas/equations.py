@@ -51,7 +51,7 @@ ORTHOGONAL, OPPOSITE = "error with two orthogonal cameras", "error with two oppo
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the quantities of every run; x counts cameras for the approximations, and is NaN elsewhere."""
+    """Table of the quantities of every run; x counts cameras for the approximations, and is NaN elsewhere."""
     rows: dict[tuple[str, float], list[float]] = {}
     for run in range(size.runs):
         rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(run, 2013)))
@@ -67,7 +67,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
     """Return the mean of Eq. 2, with the square and without, over the variance of readings by drawn cameras.
 
-    Without noise of the readout, which is in both as it is.
+    Without noise of the readout, which is in both as it is. `n_points`: number of depths.
     """
     d = rng.uniform(*DEPTHS, n_points)
     h = d * math.tan(0.5 * FOV)
@@ -87,7 +87,10 @@ def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], f
 
 
 def _occlusions(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Return distances from the exact p(eta), and how two close cameras depend on each other."""
+    """Return distances from the exact p(eta), and how two close cameras depend on each other, by (name, x).
+
+    They are means over `n_points` random positions.
+    """
     xy, priors = rng.uniform(0.0, SIDE, (n_points, 2)), _priors(rng)
     ground = np.array([SQUARE[n - 1][:2] for n in SQUARE_ORDER], dtype=np.float64)
     out = {}
@@ -110,7 +113,10 @@ def _priors(rng: np.random.Generator) -> Priors:
 
 
 def _independent(q: Floats) -> Floats:
-    """Return (L, 2^N) p(eta) of all eta with cameras independent of each other."""
+    """Return p(eta) (L, 2^N) of all eta with cameras independent of each other.
+
+    `q`: (L, N, M) probabilities that occluder j hides a position from camera i.
+    """
     seen, out = np.prod(1.0 - q, axis=2), np.ones((len(q), 1))
     for i in range(seen.shape[1]):  # camera i is bit i of the column
         out = np.concatenate([out * (1.0 - seen[:, i : i + 1]), out * seen[:, i : i + 1]], axis=1)
@@ -118,7 +124,10 @@ def _independent(q: Floats) -> Floats:
 
 
 def _cameras(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Return what cameras of Fig. 5 see of the empty room, and the error of two of them without occlusions."""
+    """Return what cameras of Fig. 5 see of the empty room, and the error of two of them, by (name, x).
+
+    They are means over `n_points` random positions, without occlusions.
+    """
     xy = rng.uniform(0.0, SIDE, (n_points, 2))
     share = {n: float(np.mean(_in_view(xy, SQUARE[n - 1]))) for n in SQUARE_ORDER}
     return {
@@ -135,7 +144,10 @@ def _in_view(xy: Floats, position: Place) -> Floats:
 
 
 def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
-    """Return the RMS of the least error at positions (N, 2): two readings by Eq. 2, and a uniform prior."""
+    """Return the RMS of the least error at positions `xy` (N, 2): two readings by Eq. 2, and a uniform prior.
+
+    `pair`: numbers of the two cameras in `SQUARE`.
+    """
     information = np.tile(12.0 / SIDE**2 * np.eye(2), (len(xy), 1, 1))
     for n in pair:
         x, y, yaw = SQUARE[n - 1]
@@ -149,7 +161,7 @@ def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge the statements of Secs. 3.1, 4.2 and 6.1 and of App. B."""
+    """Return the verdicts on the statements of Secs. 3.1, 4.2 and 6.1 and of App. B."""
     own = {row.series: row for row in table if math.isnan(row.x)}
     return [*_judge_noise(own), *_judge_occlusions(table, own), *_judge_cameras(own)]
 

@@ -66,7 +66,10 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
 
 
 def _histogram(grey: Floats, bins: int, shift: float) -> Floats:
-    """Return the histogram (bins + 1,) or (bins,) of grey levels over 0 to 256, shifted by a share of the bin width."""
+    """Return the histogram of `grey` levels (0 to 256) with shares that sum to 1, of `bins` bins.
+
+    `shift`: shift of the levels, as a share of the bin width; above 0 there is one bin more.
+    """
     width = GREY / bins
     index = np.floor((grey + shift * width) / width).astype(np.int64)
     return density(np.bincount(index, minlength=bins + (shift > 0)))
@@ -77,7 +80,7 @@ def _rho(a: Floats, b: Floats) -> float:
 
 
 def coefficients(size: Size, execute: Execute) -> Table:
-    """Compute the coefficients against the number of bins, and the changes that should change nothing.
+    """Return the table of the coefficients against the number of bins, and the changes that should change nothing.
 
     Steps are values of each histogram.
     """
@@ -102,7 +105,7 @@ EXACT = 1e-12
 
 
 def judge_coefficients(table: Table) -> list[StatementVerdict]:
-    """Judge the statements of the thesis about the coefficient, and this project's about its bias."""
+    """Return the verdicts on the statements of the thesis about the coefficient, and this project's about its bias."""
     two = v.series(table, TWO)
     return [
         _nothing(table, "range", BEYOND, "The coefficient is in the range 0 to 1; farthest outside."),
@@ -138,7 +141,15 @@ def judge_coefficients(table: Table) -> list[StatementVerdict]:
 
 
 def _nothing(table: Table, key: str, series: str, statement: str, paper: float | None = None) -> StatementVerdict:
-    """Judge that a quantity is 0 in every run, up to rounding."""
+    """Return the verdict on whether a quantity is 0 in every run, up to rounding.
+
+    Args:
+        table: of the experiment.
+        key: id of the verdict.
+        series: of the quantity.
+        statement: text of the statement.
+        paper: printed number; None: none.
+    """
     row = v.find(table, series)
     most = max(row.values) if row is not None else float("nan")
     return v.fact(
@@ -147,7 +158,7 @@ def _nothing(table: Table, key: str, series: str, statement: str, paper: float |
 
 
 def _biases(table: Table) -> list[StatementVerdict]:
-    """Judge the closed form of the bias by how far below 1 histograms of one object are, and its correction."""
+    """Verdicts on the closed form of the bias by how far below 1 histograms of one object are, and its correction."""
     out = []
     for series, name in ((SAME, "many"), (FEW, "few")):
         for same, closed in v.matched(table, series, f"{series}{CLOSED}"):

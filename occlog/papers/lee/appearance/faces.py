@@ -49,7 +49,7 @@ class Heads(NamedTuple):
 
 
 def people_of(kind: str, rng: np.random.Generator) -> Clothes:
-    """Draw people who differ in skin and hair, or hardly (`alike`); all in the same clothes."""
+    """Draw `PEOPLE` people in equal clothes who differ in skin and hair (`kind` `different`), or hardly (`alike`)."""
     wide = kind == "different"
     tone = rng.uniform(0.35, 1.05, PEOPLE) if wide else 0.85 + rng.uniform(-0.02, 0.02, PEOPLE)
     dark = rng.uniform(0.1, 0.8, PEOPLE) if wide else 0.25 + rng.uniform(-0.02, 0.02, PEOPLE)
@@ -79,7 +79,16 @@ def studio() -> Canvas:
 def head_counts(
     canvas: Canvas, people: Clothes, angle: float, rng: np.random.Generator, gain: float, levels: list[int]
 ) -> list[Floats]:
-    """(P, m) pixels of each colour of all people's head at one viewing angle, for each number of levels."""
+    """Return for each number of levels the pixels (P, m) of each of m colours of the heads of P people.
+
+    Args:
+        canvas: of the camera.
+        people: P people.
+        angle: from which they are seen [rad]; 0 is the front.
+        rng: phase of the walk, and noise of the image.
+        gain: factor of the light.
+        levels: numbers of levels of each colour channel.
+    """
     out: list[list[Ints]] = [[] for _ in levels]
     for k in range(len(people.stature)):
         one = Clothes(*(part[k : k + 1] for part in people))  # type: ignore[arg-type]
@@ -119,7 +128,15 @@ def heads(size: Size) -> Shots:
 
 
 def head_image(canvas: Canvas, one: Clothes, angle: float, phase: float, gain: float) -> Bytes:
-    """The head of one person at a viewing angle, on black and without noise."""
+    """Return the image of the head of one person on black, without noise.
+
+    Args:
+        canvas: of the camera.
+        one: clothes of one person.
+        angle: from which it is seen [rad]; 0 is the front.
+        phase: of the walk [rad].
+        gain: factor of the light.
+    """
     # The camera is towards -x: who heads there is seen from the front
     heading = math.pi + angle
     row = np.array([[0.0, 0.0, WALKING * math.cos(heading), WALKING * math.sin(heading), phase]])
@@ -184,7 +201,15 @@ def likeness(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
 
 
 def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
-    """Return the figures by number of gallery angles; a candidate is compared with the nearest available angle."""
+    """Return rank-1 and AUC by number of gallery angles; each candidate is compared with the nearest of them.
+
+    Args:
+        kind: of people, part of the names.
+        gallery: (P, `ANGLES`, m) colours of P people.
+        candidates: (n, m) colours.
+        owner: (n,) person of each candidate.
+        at: (n,) index of its angle.
+    """
     out = {}
     for n in (0, *GALLERIES):
         if n == 0:
@@ -199,10 +224,17 @@ def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
 
 
 def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
-    """False decisions (is this the person or not) with the front part of a gallery, with and without suspending.
+    """Return false decisions (is this the person or not) with the front part of a gallery, with and without suspending.
 
     The threshold is that at which, of candidates at angles that the gallery has, as large a share of the right ones
     is refused as of the wrong ones is accepted.
+
+    Args:
+        kind: of people, part of the names.
+        gallery: (P, `ANGLES`, m) colours of P people.
+        candidates: (n, m) colours.
+        owner: (n,) person of each candidate.
+        at: (n,) index of its angle.
     """
     out = {}
     same = owner[:, None] == np.arange(PEOPLE)
@@ -220,7 +252,12 @@ def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
 
 
 def equal_error(like: Floats, same: Bools) -> float:
-    """Return the threshold with the nearest shares of right pairs below it and wrong pairs at or above it."""
+    """Return the threshold with the most equal shares of right pairs below it and wrong pairs at or above it.
+
+    Args:
+        like: likeness of pairs.
+        same: mask of the right ones, of the same shape.
+    """
     right, wrong = np.sort(like[same]), np.sort(like[~same])
     levels = np.unique(like)
     missed = np.searchsorted(right, levels) / len(right)
@@ -233,7 +270,7 @@ def _run(size: Size, execute: Execute) -> list[dict[str, float]]:
 
 
 def by_bins(size: Size, execute: Execute) -> Table:
-    """Compute rank-1 and AUC against the number of bins; steps are candidates of each person and angle."""
+    """Return the table of rank-1 and AUC against the number of bins; steps are candidates of each person and angle."""
     found = _run(size, execute)
     return [
         PaperRow(f"{words}, {name}", m, tuple(f[f"{key}-{kind}-bins-{m}"] for f in found))
@@ -244,7 +281,7 @@ def by_bins(size: Size, execute: Execute) -> Table:
 
 
 def by_angles(size: Size, execute: Execute) -> Table:
-    """Compute rank-1 and AUC against the number of angles; all sides together is a line across."""
+    """Return the table of rank-1 and AUC against the number of angles; all sides together is a line across."""
     found = _run(size, execute)
     rows = []
     for kind, words in KINDS.items():
@@ -256,7 +293,7 @@ def by_angles(size: Size, execute: Execute) -> Table:
 
 
 def by_suspension(size: Size, execute: Execute) -> Table:
-    """Compute the share of false decisions against the number of angles that the gallery has of seven."""
+    """Return the table of the share of false decisions against the number of angles that the gallery has of seven."""
     found = _run(size, execute)
     rows = []
     for kind, words in KINDS.items():
@@ -269,7 +306,7 @@ def by_suspension(size: Size, execute: Execute) -> Table:
 
 
 def judge_bins(table: Table) -> list[StatementVerdict]:
-    """Judge that different people are separable and similar ones challenging."""
+    """Return the verdicts on whether different people are separable and similar ones challenging."""
     out = []
     for name in ("rank-1", "AUC"):
         statement = (
@@ -285,7 +322,10 @@ def judge_bins(table: Table) -> list[StatementVerdict]:
 
 
 def judge_angles(table: Table) -> list[StatementVerdict]:
-    """Judge that several angles are better than one front face, and (of this project) than all sides together."""
+    """Verdicts on whether several angles are better than one front face, and than all sides together.
+
+    The latter statement is this project's.
+    """
     out = []
     for kind, words in KINDS.items():
         for name in ("rank-1", "AUC"):
@@ -305,7 +345,7 @@ def judge_angles(table: Table) -> list[StatementVerdict]:
 
 
 def judge_suspension(table: Table) -> list[StatementVerdict]:
-    """Judge that suspending avoids false decisions."""
+    """Return the verdicts on whether suspending avoids false decisions."""
     return [
         v.pairs(
             f"suspend-{kind}",

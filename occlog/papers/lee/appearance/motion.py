@@ -110,7 +110,7 @@ def _holds(change: Floats, sign: int, full: float) -> np.ndarray[tuple[int], np.
 
 
 def motions(size: Size, execute: Execute) -> Table:
-    """Compute the shares for each printed statement and camera; steps are people."""
+    """Return the table of the shares for each printed statement and camera; steps are people."""
     found = execute(
         [{"kind": "lee-motion", "people": size.steps, "seed": size.seed, "run": r} for r in range(size.runs)]
     )
@@ -125,7 +125,7 @@ def motions(size: Size, execute: Execute) -> Table:
 
 
 def judge_motions(table: Table) -> list[StatementVerdict]:
-    """Judge the detections of people who move north and north-east, and whether motion distinguishes people."""
+    """Verdicts on the detections of people who move north and north-east, and whether motion distinguishes people."""
     out = []
     for name, figure in (("N", "5-8"), ("NE", "5-9")):
         for number in PLACES:
@@ -147,7 +147,13 @@ def judge_motions(table: Table) -> list[StatementVerdict]:
 
 
 def _share(key: str, statement: str, row: PaperRow | None) -> StatementVerdict:
-    """Judge that a share is 1: at least .99 is reproduced, at least .5 in part."""
+    """Return the verdict on whether a share is 1: at least .99 is reproduced, at least .5 in part.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        row: with the shares; None: missing.
+    """
     measured = sample(() if row is None else row.values)
     rule = "a share of at least .99; in part from .5 on"
     return v.judge(key, statement, measured, v.at_least(0.99), v.at_least(0.5), rule=rule, paper=1.0)

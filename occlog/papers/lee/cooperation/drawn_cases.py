@@ -123,7 +123,10 @@ def change_trial(spec: Spec) -> dict[str, float]:
 
 
 def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
-    """Draw initial positions (4, 2) [m] and velocities (4, 2) [m/s] so that the sketch holds when the change comes."""
+    """Draw initial positions (4, 2) [m] and velocities (4, 2) [m/s] so that the sketch holds when the change comes.
+
+    `case`: objects that are close to each other or at the edge then.
+    """
     while True:
         angle = rng.uniform(-math.pi, math.pi, 4)
         if case.close:
@@ -148,14 +151,29 @@ def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
 
 
 def _track(config: ImmConfig, start: Floats, velocity: Floats, group: tuple[int, ...], rng: Generator) -> Track:
-    """Return a track of the first of a group that is heard as one."""
+    """Return a track of the first object of a group that is heard as one.
+
+    Args:
+        config: settings of the filter.
+        start: (4, 2) positions of all objects [m].
+        velocity: (4, 2) [m/s].
+        group: numbers of its objects, from 1.
+        rng: random numbers of the particles.
+    """
     i = group[0] - 1
     state = (*start[i], START_SIGMA, *velocity[i], START_SIGMA_V)
     return confirmed_track(config, group[0], state, 0, rng)
 
 
 def _scan(k: int, positions: Floats, heard: Sequence[tuple[int, ...]], rng: Generator) -> Scan:
-    """Draw the array's bearings at step k; a group is heard in the middle of its members."""
+    """Draw the array's bearings at step k; a group is heard in the middle of its members.
+
+    Args:
+        k: number of the step, in seconds.
+        positions: (4, 2) of the objects, relative to the array [m].
+        heard: groups by numbers of objects, from 1.
+        rng: noise of the bearings.
+    """
     at = np.arctan2(positions[:, 1], positions[:, 0])
     middle = [math.atan2(*(sum(f(at[n - 1]) for n in group) for f in (math.sin, math.cos))) for group in heard]
     bearing = np.array(middle) + SIGMA * rng.standard_normal(len(heard))
@@ -164,7 +182,7 @@ def _scan(k: int, positions: Floats, heard: Sequence[tuple[int, ...]], rng: Gene
 
 
 def changes(size: Size, execute: Execute) -> Table:
-    """Compute the shares of runs in which each condition holds, for every case of Fig. 3-8."""
+    """Return the table of the shares of runs in which each condition holds, for every case of Fig. 3-8."""
     specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee38"} for c in CHANGES for r in range(size.runs)]
     results, rows = execute(specs), []
     for n in range(len(CHANGES)):
@@ -185,7 +203,7 @@ TITLES = {
 
 
 def judge_changes(table: Table) -> list[StatementVerdict]:
-    """Judge for each case that (3.14) does not fire, and that the estimation's performance does."""
+    """Verdicts, for each case, on whether (3.14) does not fire, and whether the estimation's performance does."""
     out = []
     for n, (letter, case) in enumerate(CHANGES.items()):
         rows = {name: v.find(table, title, n + 2.0) for name, title in TITLES.items()}
@@ -250,7 +268,7 @@ def sketch_trial(spec: Spec) -> dict[str, float]:
 
 
 def sketches(size: Size, execute: Execute) -> Table:
-    """Compute the shares of runs in which (3.15) and (3.16) fire in Figs. 3-10, 3-11 and 3-13."""
+    """Return the table of the shares of runs in which (3.15) and (3.16) fire in Figs. 3-10, 3-11 and 3-13."""
     specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee313"} for c in SKETCHES for r in range(size.runs)]
     results, rows = execute(specs), []
     for n, figure in enumerate(SKETCHES):
@@ -261,7 +279,7 @@ def sketches(size: Size, execute: Execute) -> Table:
 
 
 def judge_sketches(table: Table) -> list[StatementVerdict]:
-    """Judge that each of (3.15) and (3.16) fires where the text states it, and not where it states that it does not."""
+    """Verdicts on whether each of (3.15) and (3.16) fires where the text states it, and only there."""
     out = []
     for figure, case in SKETCHES.items():
         for name, title in CONDITIONS.items():

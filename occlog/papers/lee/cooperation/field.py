@@ -61,7 +61,7 @@ AVERAGE = 5.59
 
 
 def by_variance(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the variance without cameras: mean of the objects, and each one in the thesis' form."""
+    """Table of the RMSE against the variance without cameras: mean of the objects, and each one in the thesis' form."""
     specs = [
         cooperation_spec(size, r, "open", form, variance=max(x, LEAST_VARIANCE))
         for form in FORMS.values()
@@ -81,7 +81,7 @@ def by_variance(size: Size, execute: Execute) -> Table:
 
 
 def judge_variance(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 3-4."""
+    """Return the verdicts on the statements about Fig. 3-4."""
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, f"{MEAN}, {name}")
@@ -139,7 +139,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def by_period(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the visual period, in the environment of Fig. 3-4."""
+    """Return the table of the RMSE against the visual period, in the environment of Fig. 3-4."""
     periods = QUICK_PERIODS if size.quick else PERIODS
     points: list[tuple[str, str, float, Values]] = [
         (name, form, p, {"cooperate": "periodic", "period_s": p}) for name, form in FORMS.items() for p in periods
@@ -148,7 +148,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 
 
 def judge_period(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 3-6."""
+    """Return the verdicts on the statements about Fig. 3-6."""
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, name)
@@ -158,7 +158,7 @@ def judge_period(table: Table) -> list[StatementVerdict]:
 
 
 def by_policy(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the frames that are asked for, for every policy."""
+    """Return the table of the RMSE against the frames that are asked for, for every policy."""
     grid = QUICK_GRID if size.quick else GRID
     points: list[tuple[str, str, float, Values]] = []
     for name, form in FORMS.items():
@@ -171,7 +171,7 @@ def by_policy(size: Size, execute: Execute) -> Table:
 
 
 def judge_policy(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 3-14, and whether each policy is cheaper than a period."""
+    """Return the verdicts on the statements about Fig. 3-14, and whether each policy is cheaper than a period."""
     out = []
     none = v.find(table, f"{NONE}, {THESIS}")
     if none is not None:
@@ -194,7 +194,16 @@ def judge_policy(table: Table) -> list[StatementVerdict]:
 
 
 def _cheaper(key: str, which: str, row: PaperRow, period: list[PaperRow]) -> StatementVerdict:
-    """Judge by bootstrap over the runs whether a policy asks for fewer frames than the period of equal error."""
+    """Return the verdict on whether a policy asks for fewer frames than the period of equal error.
+
+    By bootstrap over the runs.
+
+    Args:
+        key: id of the verdict.
+        which: words for the policy.
+        row: of the policy.
+        period: rows of periods.
+    """
     statement = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
     rule = "above 0 (bootstrap over runs)"
     return v.judge(key, statement, saved_frames(row, period), v.above(0.0), rule=rule)
@@ -221,7 +230,14 @@ def _frames(row: PaperRow) -> Floats:
 def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Ints) -> float:
     """Return the frames saved in a sample of runs; log frames are interpolated linearly in log error.
 
-    The result is NaN where the error is outside the range of those of the periods.
+    NaN if the error is outside the range of those of the periods.
+
+    Args:
+        errors: (R,) of a policy, by run.
+        frames: (R,) of it.
+        of_periods: (K, R) errors of K periods.
+        frames_of: (K, R) their frames.
+        runs: indices of the runs in the sample.
     """
     wanted = math.log(errors[runs].mean())
     known, cost = np.log(of_periods[:, runs].mean(axis=1)), np.log(np.maximum(frames_of[:, runs].mean(axis=1), 0.5))
@@ -232,7 +248,7 @@ def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats
 
 
 def by_object(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE of each object, without cameras and with the printed triggers."""
+    """Return the table of the RMSE of each object, without cameras and with the printed triggers."""
     ways: list[tuple[str, Values]] = [(NONE, {}), (PRINTED, {"cooperate": "printed"})]
     specs = [cooperation_spec(size, r, "field", "thesis", **s) for _, s in ways for r in range(size.runs)]
     results = execute(specs)
@@ -246,7 +262,7 @@ def by_object(size: Size, execute: Execute) -> Table:
 
 
 def judge_object(table: Table) -> list[StatementVerdict]:
-    """Judge the numbers of Table 3.1."""
+    """Return the verdicts on the numbers of Table 3.1."""
     out = []
     for n, (name, text) in enumerate(((NONE, "without cameras"), (PRINTED, "with the printed triggers"))):
         for k, values in TABLE.items():

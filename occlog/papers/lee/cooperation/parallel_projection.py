@@ -51,7 +51,7 @@ def projection_trial(spec: Spec) -> dict[str, float]:
 
 
 def errors(size: Size, execute: Execute) -> Table:
-    """Compute medians of positions by the references' spread, and RMS errors of tracks with the printed triggers."""
+    """Table of medians of positions by the references' spread, and RMS errors of tracks with the printed triggers."""
     runs = range(size.runs)
     position_rows = execute([{"what": "places", "paper": "lee322", "seed": size.seed, "run": r} for r in runs])
     rows = [
@@ -74,7 +74,7 @@ def errors(size: Size, execute: Execute) -> Table:
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Judge what the thesis states about the model, and how it compares with lines of sight."""
+    """Return the verdicts on what the thesis states about the model, and how it compares with lines of sight."""
     pairs = [
         ("sec3.2.2-improves", "Eq. 5.39 improves the reference: median lower by [m].", ONCE, REFERENCE),
         ("sec3.2.2-depth", "Eq. 5.40 is better than Eq. 5.39: median lower by [m].", DEEP, ONCE),

@@ -37,7 +37,10 @@ PROJECTIONS = {
 
 
 def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple[Floats, Bools]:
-    """Move (N, 2) references by what two cameras see; return positions (N, 2), and whether the model has any (N,)."""
+    """Move references (N, 2) by what cameras see, and return positions (N, 2), and the mask (N,) of those moved.
+
+    A reference that no camera moves in some pass counts as not moved. `way`: form and number of passes.
+    """
     xy, found = reference, np.ones(len(reference), dtype=np.bool_)
     covariance = np.tile(np.eye(2), (len(reference), 1, 1))
     for _ in range(way.passes):
@@ -47,7 +50,7 @@ def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple
 
 
 def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
-    """Return the positions (N, 2) where the lines of two cameras cross, and whether they do (N,)."""
+    """Return the positions (N, 2) where the lines of sight of two cameras cross, and the mask (N,) of those that do."""
     n = len(sights.bearing)
     origins = np.tile(sights.position, (n, 1))
     met = triangulate(origins, sights.bearing.ravel(), sights.sigma.ravel(), 2 * np.arange(n + 1))
@@ -55,7 +58,10 @@ def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
 
 
 def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> TagSightings:
-    """Return the (N, C) bearings of cameras with one standard deviation [rad]."""
+    """Return bearings (N, C) [rad] of C cameras as sightings with one standard deviation.
+
+    `bearing`: (N, C); `sigma`: standard deviation [rad].
+    """
     position = np.array([c.ground for c in cameras])
     return TagSightings(position, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
 

@@ -42,7 +42,7 @@ def _specs(size: Size, array: int, way: str) -> list[Spec]:
 
 
 def finals(size: Size, execute: Execute) -> Table:
-    """Compute the errors at the last step, of each target that a sensor hears then."""
+    """Return the table of the errors at the last step, of each target that a sensor hears then."""
     table = []
     for a, name in enumerate(NAMES):
         for way in (WITH, WITHOUT):
@@ -55,7 +55,7 @@ def finals(size: Size, execute: Execute) -> Table:
 
 
 def _average(table: Table, series: str, since: float, until: float) -> PaperRow | None:
-    """Return a row of the means over a time interval, run by run; None without points in it."""
+    """Return a row of the means of a series over times from `since` to before `until` [s], run by run; None: none."""
     rows = [r for r in v.series(table, series) if since <= r.x < until]
     if not rows:
         return None
@@ -64,7 +64,13 @@ def _average(table: Table, series: str, since: float, until: float) -> PaperRow 
 
 
 def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list[StatementVerdict]]:
-    """Make the judge of the statement that cameras are asked less often if their answers are used."""
+    """Return a function that judges whether cameras are asked less often if their answers are used.
+
+    Args:
+        key: begins the ids of its verdicts.
+        since: begin of the interval [s].
+        until: its end, excluded [s].
+    """
 
     def judge(table: Table) -> list[StatementVerdict]:
         out = []
@@ -79,7 +85,7 @@ def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list
 
 
 def judge_silence(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 3-19: that of `judge_shares`, and that silence makes A1 ask."""
+    """Return the verdicts on the statements about Fig. 3-19: that of `judge_shares`, and that silence makes A1 ask."""
     out = judge_shares("fig3.19", 7.0, 11.0)(table)
     row = _average(table, f"A1, {WITH}", 5.0, 7.0)
     if row is not None:
@@ -96,7 +102,7 @@ def _certain(key: str, statement: str, row: PaperRow) -> StatementVerdict:
 
 
 def judge_final(table: Table) -> list[StatementVerdict]:
-    """Judge the statement of Fig. 3-21 that with cameras the last positions are nearer to the truth."""
+    """Verdicts on the statement of Fig. 3-21 that with cameras the last positions are nearer to the truth."""
     out = []
     for name in NAMES:
         points = v.matched(table, f"{name}, {WITH}", f"{name}, {WITHOUT}")

@@ -170,7 +170,12 @@ def cooperation_trial(spec: Spec) -> dict[str, float]:
 
 
 def follow(made: Environment, spec: Spec) -> FilterOutput:
-    """Run the filter of one array, with cameras, over all steps."""
+    """Run the filter of one array with cameras over all steps; return its estimates and requests.
+
+    Args:
+        made: the environment.
+        spec: see `cooperation_spec`.
+    """
     values = {**SCENES[spec["scene"]], **FORMS[spec["form"]], **spec["settings"]}
     config: ImmConfig = configure(ImmConfig(), values)
     scene, array = made.scene, spec["array"]
@@ -210,7 +215,16 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
 def _roster(
     state: ImmState, made: Environment, config: ImmConfig, array: int, n: int, rng: np.random.Generator
 ) -> ImmState:
-    """Start tracks of targets heard for the first time, and end those of targets no longer heard."""
+    """Return the state with tracks of targets heard for the first time, and without those no longer heard.
+
+    Args:
+        state: of the filter.
+        made: the environment.
+        config: settings of the filter.
+        array: index of the array.
+        n: number of the step.
+        rng: random numbers of new particles.
+    """
     heard, ids = made.heard[array] > 0, made.truth.ids.tolist()
     there = {t.number for t in state.tracks}
     tracks = [t for t in state.tracks if heard[n:, ids.index(t.number)].any()]

@@ -70,7 +70,7 @@ RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of 
 
 
 def curves(size: Size, execute: Execute) -> Table:
-    """Compute the share declared against the variance, for each number of detecting sensors and each rule.
+    """Return the table of the share declared against the variance, for each number of detecting sensors and each rule.
 
     Steps are trials.
     """
@@ -91,7 +91,7 @@ def curves(size: Size, execute: Execute) -> Table:
 
 
 def judge_curves(table: Table) -> list[StatementVerdict]:
-    """Judge the printed thresholds and crossings, under each rule."""
+    """Return the verdicts on the printed thresholds and crossings, under each rule."""
     out = []
     for n, limits in PRINTED.items():
         for level, limit in zip((0.99, 0.50), limits, strict=True):
@@ -109,7 +109,17 @@ def judge_curves(table: Table) -> list[StatementVerdict]:
 
 
 def _threshold(key: str, statement: str, limit: float, rows: list[PaperRow], level: float) -> StatementVerdict:
-    """Judge at which variance the share declared falls below a level, by linear interpolation, run by run."""
+    """Return the verdict on the variance at which the share declared falls below a level, run by run.
+
+    By linear interpolation; without a crossing the end of the curve counts.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        limit: printed variance.
+        rows: shares by variance (x), rising.
+        level: share, 0 to 1.
+    """
     n = min((r.runs for r in rows), default=0)
     crossings = [_crossing([(r.x, r.values[k]) for r in rows], level) for k in range(n)]
     found = [x for x in crossings if x is not None]
@@ -176,7 +186,7 @@ ITEMS = ("quality", "x", "y", "prior", "value (4.13)", "value, sum of log10 W", 
 
 
 def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the quantities of a case study; x counts the sensors of `quality`, and is 0 elsewhere."""
+    """Return the table of the quantities of a case study; x counts the sensors of `quality`, and is 0 elsewhere."""
     c = CASES[name]
     positions, predicted = c.detections[None], np.array([c.predicted])
     weight = quality(positions, predicted, 1.0)
@@ -214,7 +224,7 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge_case(name: str, table: Table) -> list[StatementVerdict]:
-    """Judge each printed number of a case study."""
+    """Return the verdicts on each printed number of the case study `name`."""
     c = CASES[name]
     out = [
         v.printed(

@@ -93,7 +93,7 @@ def _rates(c: DetectionCounts, when: str) -> dict[str, float]:
 
 
 def _rmse(rows: Iterable[Bearings], truth: Truth, scene: Scene, seed: int) -> float:
-    """Track with the defaults of the auxiliary particle filter, and return the RMSE."""
+    """Track the rows with the defaults of the auxiliary particle filter; return the RMSE after `START` estimates."""
     config = ApfConfig.in_unit(scene.length_unit)
     parts = track(rows, scene, TrackingTask(config, seed, sensors=choose_sensors(scene, ())))
     tracks = Tracks.concat([p.tracks for p in parts])
@@ -114,7 +114,7 @@ NOTE = f"Reference room of 100 x 100; series: number of cameras, each of which m
 
 
 def rates(size: Size, execute: Execute) -> Table:
-    """Compute the rates of all cameras against the probability of a false report, before and after."""
+    """Return the table of the rates of all cameras against the probability of a false report, before and after."""
     rows = []
     for n, x, own in _done(size, execute, track=False):
         extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("hidden_before", "hidden_after")}
@@ -126,7 +126,7 @@ def rates(size: Size, execute: Execute) -> Table:
 
 
 def errors(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE of the auxiliary particle filter against the probability of a false report."""
+    """Return the table of the RMSE of the auxiliary particle filter against the probability of a false report."""
     return [
         PaperRow(f"{n}, {what}", x, tuple(r[key] for r in own))
         for n, x, own in _done(size, execute, track=True)
@@ -135,7 +135,10 @@ def errors(size: Size, execute: Execute) -> Table:
 
 
 def _done(size: Size, execute: Execute, *, track: bool) -> list[tuple[int, float, list[dict[str, float]]]]:
-    """Run all trials; return number of cameras, probability of a false report, and the figures of all runs."""
+    """Run all trials; return number of cameras, probability of a false report, and the figures of each run.
+
+    `track`: the trials also track.
+    """
     cameras = CAMERAS[1:2] if size.quick else CAMERAS
     points = [(n, x) for n in cameras for x in (FALSE[::2] if size.quick else FALSE)]
     results = execute([_spec(size, run, n, x, track) for n, x in points for run in range(size.runs)])
@@ -158,7 +161,7 @@ def _spec(size: Size, run: int, cameras: int, false: float, track: bool) -> Spec
 
 
 def judge_rates(table: Table) -> list[StatementVerdict]:
-    """Judge the statements of the thesis about the fusion."""
+    """Return the verdicts on the statements of the thesis about the fusion."""
     missed = "Missed detections are recovered: detection rate higher by this"
     false = "False detections do not spread: fewer false reports a frame, by this"
     return [
@@ -168,7 +171,7 @@ def judge_rates(table: Table) -> list[StatementVerdict]:
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Judge this project's statements about tracking with fused bearings."""
+    """Return the verdicts on this project's statements about tracking with fused bearings."""
     gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
     twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
     return [
@@ -178,7 +181,15 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
 
 
 def _judged(table: Table, key: str, statement: str, low: str, high: str) -> list[StatementVerdict]:
-    """Judge that one series is below another for each number of cameras."""
+    """Return the verdicts on whether one series is below another, for each number of cameras.
+
+    Args:
+        table: of the experiment.
+        key: begins the ids.
+        statement: text of the statement.
+        low: name of the lower series.
+        high: name of the higher series.
+    """
     found = [(n, v.matched(table, f"{n}, {low}", f"{n}, {high}")) for n in CAMERAS]
     return [v.pairs(f"{key}-{n}", f"{statement}; {n} cameras.", points) for n, points in found if points]
 

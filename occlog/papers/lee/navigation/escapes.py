@@ -45,12 +45,12 @@ RANGES = "distances in (5.27) and (5.28)"
 
 
 def name_of(step: str, radius: float) -> str:
-    """Return the series name of an escape: the least distance of centres."""
+    """Return the name of a series: `step`, and `radius` of robot and obstacle."""
     return f"{step}, r = {radius:g}"
 
 
 def escapes(size: Size, execute: Execute) -> Table:
-    """Compute escapes of the printed robot by the printed and other angles, and shares over random lines."""
+    """Table of escapes of the printed robot by the printed and other angles, and shares over random lines."""
     rows: Table = []
     for step, config in STEPS.items():
         for radius in RADII:
@@ -70,7 +70,14 @@ def escapes(size: Size, execute: Execute) -> Table:
 
 
 def _fared(step: str, radius: float, angle: float, robots: Drive) -> Table:
-    """Return table rows of one drive; angle NaN is the printed one, the largest of its range."""
+    """Return the rows of one drive: least distance of centres, with steps and whether the goal was reached.
+
+    Args:
+        step: name of the escape.
+        radius: of robot and obstacle.
+        angle: of the escape [deg] (x); NaN: the printed one, the largest of its range.
+        robots: the drive of one robot.
+    """
     distance = float(robots.clearance[0]) + 2.0 * radius
     tried = not math.isnan(angle)
     kind = "" if tried else ", printed angle"
@@ -109,7 +116,7 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def judge_escapes(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 5.2.2 states about the two escapes, of their angles and of their distances."""
+    """Return the verdicts on what Sec. 5.2.2 states about the two escapes, of their angles and of their distances."""
 
     def of(step: str, radius: float) -> PaperRow:
         row = v.find(table, name_of(step, radius) + ", printed angle")
@@ -188,7 +195,10 @@ def judge_escapes(table: Table) -> list[StatementVerdict]:
 
 
 def _shortest(table: Table, key: str, step: str) -> StatementVerdict:
-    """Judge whether the largest angle takes the fewest steps of all angles in the range that lead to the goal."""
+    """Return the verdict on whether the largest angle takes the fewest steps of all that lead to the goal.
+
+    `key`: part of the id; `step`: name of the escape.
+    """
     more: list[float] = []
     for radius in RADII[1:]:
         name = name_of(step, radius)
@@ -239,7 +249,7 @@ def near_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def near(size: Size, execute: Execute) -> Table:
-    """Compute the shares of colliding robots by their initial distance from the line."""
+    """Return the table of the shares of colliding robots by their initial distance from the line."""
     cases = [(way, across, run) for way in WAYS for across in ACROSS for run in range(size.runs)]
     found = execute(
         [{"seed": size.seed, "run": run, "robots": size.steps, "across": a, "way": way} for way, a, run in cases]
@@ -252,7 +262,7 @@ def near(size: Size, execute: Execute) -> Table:
 
 
 def judge_near(table: Table) -> list[StatementVerdict]:
-    """Judge the guarantee for robots that are nearly in line, where no two doubles are equal."""
+    """Return the verdicts on the guarantee for robots that are nearly in line, where no two doubles are equal."""
     exact, plain = "equalities (5.18), (5.26)", "(5.15)"
     out = [
         always(

@@ -51,19 +51,22 @@ class RobotLines(NamedTuple):
 
 
 def printed_drive(config: NavigateConfig, radius: float = 0.0) -> tuple[list[RobotStep], Drive]:
-    """Drive the robot of the printed example with stated radii; return its steps and outcome."""
+    """Drive the robot of the printed example; return its steps and outcome.
+
+    `radius`: of robot and obstacle.
+    """
     starts, goals = np.array([START]), np.array([GOAL])
     return driven(starts, goals, Disc(*OBSTACLE, radius), replace(config, radius=radius))
 
 
 def driven(starts: Floats, goals: Floats, obstacle: Disc, config: NavigateConfig) -> tuple[list[RobotStep], Drive]:
-    """Drive robots around one obstacle; return their steps and outcomes."""
+    """Drive robots from `starts` (N, 2) to `goals` (N, 2) around one obstacle; return their steps and outcomes."""
     robots = Drive.at(starts)
     return list(drive(robots, goals, course_of(PLANE, (obstacle,), None, config), config)), robots
 
 
 def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float] = (0.0, 0.0)) -> RobotLines:
-    """Draw random lines through an obstacle: robots 3 to 9 before it, goals 1 to 5 behind it."""
+    """Draw n random lines through an obstacle: robots 3 to 9 before it, goals 1 to 5 behind it."""
     turn = rng.uniform(-math.pi, math.pi, n)
     along = np.column_stack([np.cos(turn), np.sin(turn)])
     behind = rng.uniform(1.0, 5.0, n)
@@ -72,14 +75,23 @@ def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float]
 
 
 def collided(robots: Drive) -> Bools:
-    """Return (N,) booleans: which robots collided."""
+    """Return the mask (N,) of robots that collided."""
     return np.asarray(robots.end == End.COLLIDED)
 
 
 def shown(
     key: str, statement: str, good: bool, measured: float | None, rule: str, paper: float | None = None
 ) -> StatementVerdict:
-    """Return the verdict on a statement about a deterministic quantity."""
+    """Return the verdict on a statement about a deterministic quantity.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        good: whether it holds.
+        measured: the quantity; None: none to show.
+        rule: how that was decided.
+        paper: printed number; None: none.
+    """
     return v.fact(key, statement, holds=good, measured=measured, rule=rule, paper=paper)
 
 
@@ -120,7 +132,7 @@ EXACT = 1e-9
 
 
 def signed(force: Floats) -> Floats:
-    """Return (N,) forces along the diagonal, positive away from the origin."""
+    """Return the components (N,) of forces (N, 2) along the diagonal, positive away from the origin."""
     return np.asarray(force @ OUT)
 
 
@@ -137,7 +149,7 @@ def diagonal(at: Floats) -> dict[str, Floats]:
 
 
 def original_forces(size: Size, execute: Execute) -> Table:
-    """Compute forces along the diagonal, the zero-force position, the printed robot's path, and collision shares."""
+    """Table of forces along the diagonal, the zero-force position, the printed robot's path, and collision shares."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     rows = _curves(at, (ATTRACTION, REPULSION, TOTAL))
@@ -150,7 +162,10 @@ def original_forces(size: Size, execute: Execute) -> Table:
 
 
 def _curves(at: Floats, names: tuple[str, ...]) -> Table:
-    """Return table rows of forces along the diagonal."""
+    """Return rows of the forces `names` along the diagonal, at the coordinates `at` (n,) of both axes.
+
+    Points near the obstacle are in the table, but not plotted.
+    """
     curves, drawn = diagonal(at), np.abs(at - OBSTACLE[0]) >= HIDDEN
     # Curves of forces that the obstacle pushes apart are two each
     return [
@@ -161,7 +176,10 @@ def _curves(at: Floats, names: tuple[str, ...]) -> Table:
 
 
 def _shares(item: str, size: Size, execute: Execute, names: tuple[str, ...]) -> Table:
-    """Return table rows of shares over random lines, one value per run; not plotted."""
+    """Return rows of the shares `names` over random lines, a value for each run; not plotted.
+
+    `item`: figure that the trials are of.
+    """
     found = execute([{"item": item, "seed": size.seed, "run": run, "lines": size.steps} for run in range(size.runs)])
     shares = {name: tuple(f[name] for f in found if name in f and not math.isnan(f[name])) for name in names}
     return [PaperRow(name, math.nan, values, plotted=False) for name, values in shares.items()]
@@ -197,7 +215,7 @@ def _share(of: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> float:
 
 
 def judge_original(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 5.2.2 states about the printed example and of Fig. 5-26, and the definition of the problem."""
+    """Verdicts on what Sec. 5.2.2 states about the printed example, Fig. 5-26, and the definition of the problem."""
     zero, delta = v.find(table, FORCE), v.find(table, DELTA)
     fine = np.arange(8.91, LAST, 0.01)
     negative = float(np.mean(diagonal(fine)[TOTAL] < 0.0))
@@ -294,7 +312,7 @@ def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def prevented_forces(size: Size, execute: Execute) -> Table:
-    """Compute forces along the diagonal by (5.24), the printed robot's path, and shares over random lines."""
+    """Table of forces along the diagonal by (5.24), the printed robot's path, and shares over random lines."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     steps, _ = printed_drive(PREVENTION)
@@ -304,7 +322,7 @@ def prevented_forces(size: Size, execute: Execute) -> Table:
 
 
 def judge_prevention(table: Table) -> list[StatementVerdict]:
-    """Judge what Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
+    """Verdicts on what Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
     positions = [row.mean for row in v.series(table, PLACE)]
     robots = printed_drive(PREVENTION)[1]
     back = [9.0, 10.0, 9.0, 10.0][: len(positions) - 3]

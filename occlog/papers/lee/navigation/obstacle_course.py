@@ -30,7 +30,7 @@ from .config import NavigateConfig
 
 
 class Disc(NamedTuple):
-    """A static round obstacle."""
+    """Static round obstacle: position and radius [length]; a radius of 0 is a point."""
 
     x: float
     y: float
@@ -66,14 +66,14 @@ class Course:
     ahead: float
 
     def obstacles_at(self, step: int) -> MovingObstacles:
-        """Return the moving obstacles at a step."""
+        """Return the people at a step, by its number from 0; empty if there are none."""
         if self.moving is None:
             none, flat = np.empty((0, 2)), np.empty(0)
             return MovingObstacles(none, flat, after=none, radius_after=flat, move=none)
         return self.moving.at(step)
 
     def around(self, xy: Floats, obstacles: MovingObstacles) -> NearbyObstacles:
-        """Return the obstacles in the form needed for robots at (N, 2) positions."""
+        """Return the obstacles in the form needed for robots at positions `xy` (N, 2)."""
         there = np.isfinite(obstacles.xy[:, 0])
         # People are where they come nearest within the time ahead, on their course of the last step
         soon = obstacles.xy[there] + self.ahead * obstacles.move[there]
@@ -122,7 +122,10 @@ class Course:
         return np.concatenate(parts, axis=1) - radius
 
     def check_position(self, what: str, xy: Floats, config: NavigateConfig) -> None:
-        """Raise InputError unless the robot fits at a (2,) start or goal position without contact."""
+        """Raise InputError unless the robot fits at the position `xy` (2,) without contact.
+
+        `what`: `start` or `goal`; at the goal people do not count.
+        """
         at = f"the {what} ({xy[0]:g}, {xy[1]:g})"
         here = xy[None]
         for name, polygon in zip(self.names[len(self.discs) :], self.polygons, strict=False):
@@ -149,7 +152,7 @@ class Course:
 
 
 def people_of(config: NavigateConfig) -> PeopleAsObstacles:
-    """Return people as obstacles, by the settings."""
+    """Return how people become obstacles: radius, inflation by their covariance, gaps and steps, by the settings."""
     return PeopleAsObstacles(
         radius=config.obstacle_radius,
         sigmas=config.inflation_sigmas,
@@ -162,7 +165,10 @@ def people_of(config: NavigateConfig) -> PeopleAsObstacles:
 def course_of(
     scene: Scene, discs: Sequence[Disc], moving: MovingObstacleTracks | None, config: NavigateConfig
 ) -> Course:
-    """Return the course of a scene with additional round obstacles and people."""
+    """Return the course of a scene with additional round obstacles and people.
+
+    `moving`: tracks of people; None: none.
+    """
     polygons = tuple(o.polygon for o in scene.occluders)
     walls = np.empty((0, 2, 2)) if scene.room is None else edges(scene.room)
     names = [f"obstacle {n + 1}" for n in range(len(discs))]

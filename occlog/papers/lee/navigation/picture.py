@@ -21,7 +21,7 @@ from .obstacle_course import Course
 
 
 class PathPicture(NamedTuple):
-    """What a path picture shows."""
+    """Content of the picture of a path: scene, obstacles, path, goal (2,), settings, and words for its end."""
 
     scene: Scene
     course: Course
@@ -48,7 +48,7 @@ BODIES = 40
 
 
 def path_png(what: PathPicture) -> bytes:
-    """Return the path picture as PNG."""
+    """Return the picture of a path as PNG."""
     with house_style():
         return to_png(draw_path(what), DPI, {"Title": f"Path of a robot: {what.end}"})
 
@@ -93,7 +93,7 @@ def _limits(what: PathPicture) -> Floats:
 
 
 def _obstacles(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
-    """Draw round obstacles, and the positions of people during the drive."""
+    """Draw round obstacles, and the paths of people during the drive; return the entries of the legend."""
     handles: list[Line2D | Patch] = []
     fill: Style = {"facecolor": COLOURS["pillar"], "edgecolor": COLOURS["wall"], "linewidth": 0.8, "zorder": 2.5}
     for x, y, radius in what.course.discs:
@@ -108,7 +108,7 @@ def _obstacles(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
 
 
 def _people(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
-    """Draw the paths of people, with circles at the time of least clearance."""
+    """Draw the paths of people, with circles at the time of least clearance; return the entries of the legend."""
     moving = what.course.moving
     style: Style = {"color": COLOURS["moving"], "linewidth": 0.8, "alpha": 0.6, "zorder": 2.2}
     assert moving is not None
@@ -164,7 +164,7 @@ def _nearest_row(path: RobotPath) -> int:
 
 
 def _body(path: RobotPath, row: int, radius: float, alpha: float) -> Circle:
-    """Draw the robot's outline."""
+    """Return the robot's outline at a row of the path, with its radius and opacity `alpha` (0 to 1)."""
     at = (float(path.x[row]), float(path.y[row]))
     return Circle(at, radius, fill=False, edgecolor=PATH, linewidth=0.8, alpha=alpha, zorder=3.2)
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class RobotVerdict:
-    """Outcome of one robot of a drive."""
+    """Outcome of one robot of a drive, with words, remedy and figures."""
 
     def __init__(self, robots: Drive, number: int, goal: Floats, names: Sequence[str], config: NavigateConfig) -> None:
         """Judge a robot when the drive is over.
@@ -69,7 +69,7 @@ class RobotVerdict:
         return self._stays and not self._prevented
 
     def words(self) -> str:
-        """Describe how the path ended."""
+        """Return how the path ended, in words."""
         if self.end == End.REACHED:
             return "goal reached"
         if self.end == End.COLLIDED:
@@ -89,7 +89,7 @@ class RobotVerdict:
         return f"the robot did not reach its goal: {self.words()}; {self._remedy()}"
 
     def _remedy(self) -> str:
-        """Return the remedy."""
+        """Return what the user may change so that the robot reaches its goal."""
         if self.end == End.COLLIDED:
             return (
                 "take "
@@ -128,7 +128,10 @@ class RobotVerdict:
 
 
 def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Drive the robot and write its path; the summary, and the losses before."""
+    """Drive the robot and write its path and picture; return the summary, and the losses of the tracks.
+
+    UsageError for a start delay without people; InputError if the robot does not fit at start or goal.
+    """
     if request.start_delay_s and request.obstacles is None:
         raise UsageError(f"{option('start_delay')} is a time of {option('obstacles')}; add them", id="missing-option")
     discs = tuple(map(disc_of, request.disc_obstacles))
@@ -189,7 +192,7 @@ def _picture(
     config: NavigateConfig,
     verdict: RobotVerdict,
 ) -> bytes:
-    """Return the PNG of the path in the scene."""
+    """Return the PNG of the path in the scene, with the words of its `verdict`."""
     from .picture import PathPicture, path_png
 
     goal = np.array(request.goal)

@@ -87,7 +87,7 @@ class Drive:
 
     @classmethod
     def at(cls, starts: Floats) -> Drive:
-        """Return the initial state of robots at start positions."""
+        """Return the initial state of robots at the positions `starts` (N, 2)."""
         n = len(starts)
         return cls(
             xy=starts.copy(),
@@ -168,10 +168,19 @@ def _guarded(
     obstacles: MovingObstacles,
     config: NavigateConfig,
 ) -> tuple[Floats, Ints]:
-    """Steps (A, 2) of robots at (A, 2) positions that do not collide if people go on as they did, and their states.
+    """Return steps (A, 2) that do not collide if people go on as they did, and the state (A,) of each robot.
 
     A step that would collide is turned by as little as will do, of two equal angles to the side on which the goal is
     nearer; where no direction is free, the one of the greatest clearance is taken, which may be no motion.
+
+    Args:
+        xy: (A, 2) positions.
+        move: (A, 2) steps that the forces demand.
+        state: (A,) states before.
+        goals: (A, 2).
+        course: static obstacles.
+        obstacles: people.
+        config: radius and length of a step.
     """
     expected = obstacles.expected()
     clearance = _least(course.clearance(xy, xy + move, config.radius, expected))[0]
@@ -205,7 +214,7 @@ def _standing(obstacles: MovingObstacles) -> MovingObstacles:
 
 
 def _least(gaps: Floats) -> tuple[Floats, Ints]:
-    """Return the (A,) smallest of (A, K) clearances and the obstacle's index; inf and -1 without obstacles."""
+    """Return the smallest (A,) of clearances `gaps` (A, K), and the obstacle's index; inf and -1 without obstacles."""
     if not gaps.shape[1]:
         return np.full(len(gaps), np.inf), np.full(len(gaps), -1)
     nearest = np.argmin(gaps, axis=1)
@@ -214,7 +223,14 @@ def _least(gaps: Floats) -> tuple[Floats, Ints]:
 
 
 def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Ints) -> None:
-    """Update the least clearance of each robot."""
+    """Update the least clearance of robots, and the obstacle that it is to, in `robots`.
+
+    Args:
+        robots: all N robots.
+        active: (A,) indices of those that still drive.
+        clearance: (A,) their clearance in this step.
+        nearest: (A,) index of the nearest obstacle.
+    """
     less = clearance < robots.clearance[active]
     robots.clearance[active[less]] = clearance[less]
     robots.nearest[active[less]] = nearest[less]
@@ -229,7 +245,7 @@ class _Watch:
     """
 
     def __init__(self, xy: Floats) -> None:
-        """Start with an empty history."""
+        """Create a watch for robots at the positions `xy` (N, 2), before the first step."""
         self._step, self._next = 0, 1
         self._xy, self._total = np.full_like(xy, np.nan), np.full_like(xy, np.nan)
         self._box = np.stack([xy, xy])  # least and largest x and y of each robot in this window of steps
@@ -238,7 +254,14 @@ class _Watch:
         """(N,) whether the prevention acted since the state that is compared was taken."""
 
     def repeats(self, active: Ints, xy: Floats, total: Floats, slack: float) -> Bools:
-        """Return (A,) booleans: whether robots have been at these positions with these total forces before."""
+        """Return the mask (A,) of robots that had these positions and total forces before (Brent's cycle detection).
+
+        Args:
+            active: (A,) indices of the robots.
+            xy: (A, 2) positions.
+            total: (A, 2) total forces.
+            slack: distance within which positions are equal.
+        """
         size = np.hypot(total[:, 0], total[:, 1])
         same = (distance(xy, self._xy[active]) <= slack) & (distance(total, self._total[active]) <= ROUNDING * size)
         if self._step == self._next:
@@ -249,7 +272,10 @@ class _Watch:
         return np.asarray(same)
 
     def see(self, xy: Floats, active: Ints, prevented: Bools) -> None:
-        """Record the positions (N, 2) of all robots, and where the oscillation prevention acted."""
+        """Record the positions `xy` (N, 2) of all robots, and at which active ones the oscillation prevention acted.
+
+        `active`: (A,) indices; `prevented`: (A,) mask.
+        """
         self._step += 1
         self.prevented[active] |= prevented
         if self._step % WINDOW == 0:
@@ -257,9 +283,9 @@ class _Watch:
         self._box = np.stack([np.minimum(self._box[0], xy), np.maximum(self._box[1], xy)])
 
     def stays(self, active: Ints, most: float) -> Bools:
-        """Return (A,) booleans: whether robots stayed within `most` in this window and the one before.
+        """Return the mask (A,) of the robots `active` (indices) that stayed within `most` in the last two windows.
 
-        They are False before there are two windows.
+        Their extent along x and y counts. False before there are two windows.
         """
         if self._step < 2 * WINDOW:
             return np.zeros(len(active), dtype=np.bool_)
@@ -295,7 +321,7 @@ class PathRows:
         self._names, self._start_ns, self._step_s = (*names, ""), start_ns, step_s
 
     def tables(self, steps: Iterable[RobotStep]) -> Iterator[RobotPath]:
-        """Generate tables of up to `ROWS` rows."""
+        """Generate the steps of a drive as tables of up to `ROWS` rows."""
         left = iter(steps)
         while part := list(islice(left, ROWS)):
             yield self._table(part)

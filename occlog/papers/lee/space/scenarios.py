@@ -63,16 +63,16 @@ PRINTED_THETA = {1: (45.00, 49.04), 2: (45.00, 50.28)}
 
 
 def root_mean(squares: Sequence[float] | Floats) -> tuple[float, ...]:
-    """Return one value a run, with the root of the mean square as mean, and that root's standard error."""
+    """Return one value for each run, with the root of the mean of `squares` as mean, and that root's standard error."""
     x = np.asarray(squares, dtype=np.float64)
     root = math.sqrt(float(x.mean()))
     return tuple((root + (x - root**2) / (2.0 * root)).tolist()) if root > 0 else tuple(np.zeros(len(x)).tolist())
 
 
 def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
-    """Compute RMSE and bounds at every fifth instant, in space and of each axis; at x NaN over all instants.
+    """Table of RMSE and bounds in a `scenario` (1 to 4) at every fifth instant; at x NaN over all instants.
 
-    The plot shows those in space; those of the axes are in the table.
+    In space and of each axis; the plot shows those in space.
     """
     n = FEW if size.quick else PARTICLES
     specs = [
@@ -93,7 +93,13 @@ def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
 
 
 def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
-    """Make the rows of one way from squared errors (3, runs, T)."""
+    """Return the rows of one method: RMSE in space and of each axis at some instants, and of each axis overall.
+
+    Args:
+        name: of the method.
+        square: (3, runs, T) squared errors of each axis.
+        extra: further figures of each row.
+    """
     T = square.shape[2]
     rows = [PaperRow(name, _time(k), root_mean(square[:, :, k].sum(axis=0)), extra) for k in _instants(T)]
     for a, own in zip(AXIS_NAMES, square, strict=True):
@@ -103,7 +109,7 @@ def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
 
 
 def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
-    """Judge the statements of Secs. 2.4 and 2.5 about one scenario."""
+    """Return the verdicts on the statements of Secs. 2.4 and 2.5 about one scenario."""
     overall = {
         name: [v.find(table, f"{name} {a} overall") for a in AXIS_NAMES] for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
     }
@@ -125,7 +131,14 @@ def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
 
 
 def _reaches(key: str, stated: str, rows: Sequence[PaperRow], bound: Sequence[PaperRow]) -> StatementVerdict:
-    """Judge the ratio of error and bound on the axis where it is largest."""
+    """Return the verdict on the ratio of error and bound, which is shown for the axis where it is largest.
+
+    Args:
+        key: id of the verdict.
+        stated: words of the statement.
+        rows: RMSE of each axis.
+        bound: bound of each axis.
+    """
     points = [
         v.StatementPoint(estimate(r.mean / b.mean, r.error / b.mean, r.runs), v.at_most(NEAR))
         for r, b in zip(rows, bound, strict=True)
@@ -136,7 +149,7 @@ def _reaches(key: str, stated: str, rows: Sequence[PaperRow], bound: Sequence[Pa
 
 
 def _below(key: str, planes: Sequence[PaperRow], direct: Sequence[PaperRow]) -> StatementVerdict:
-    """Judge whether a bound of the planes is below the direct one."""
+    """Return the verdict on whether a bound of the planes is below the direct one."""
     ratio = exact(min(p.mean / d.mean for p, d in zip(planes, direct, strict=True)))
     statement = (
         "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
@@ -145,7 +158,7 @@ def _below(key: str, planes: Sequence[PaperRow], direct: Sequence[PaperRow]) -> 
 
 
 def _angles(scenario: int) -> list[StatementVerdict]:
-    """Judge the printed ranges of the angles, to the printed digits, in the full form of 50 instants."""
+    """Verdicts on the printed ranges of the angles in a `scenario`, in the full form of 50 instants."""
     xyz = world(scenario, 50).states[:, :3]
     theta, phi = (np.rad2deg(a) for a in sight_angles(xyz, np.zeros(3), np.eye(3)))
     out = []
@@ -169,7 +182,7 @@ def _angles(scenario: int) -> list[StatementVerdict]:
 
 
 def particles_table(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE in space over the direct bound, of all four scenarios, against the number of particles."""
+    """Table of the RMSE in space over the direct bound, of all four scenarios, against the number of particles."""
     counts = COUNTS[:2] if size.quick else COUNTS
     points = [(way, n) for way in COUNTED_WAYS for n in counts]
     numbers = (1, 2, 3, 4)
@@ -193,7 +206,7 @@ def particles_table(size: Size, execute: Execute) -> Table:
 
 
 def judge_particles(table: Table) -> list[StatementVerdict]:
-    """Judge where PPS helps: everywhere ([Lee]), or where the filter in space has few particles (this project)."""
+    """Verdicts on where PPS helps: everywhere ([Lee]), or if the filter in space has few particles (this project)."""
     few, many = (100.0, 300.0), (3000.0, 10_000.0)
     statement = "PPS has the lower error, relative to the direct bound"
     out = [
@@ -227,7 +240,7 @@ def judge_particles(table: Table) -> list[StatementVerdict]:
 
 
 def sensors_table(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
+    """Return the table of the RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
     n = FEW if size.quick else PARTICLES
     rows = []
     points = [(way, s) for way in WAYS for s in (3, 4)]
@@ -245,7 +258,7 @@ def sensors_table(size: Size, execute: Execute) -> Table:
 
 
 def judge_sensors(table: Table) -> list[StatementVerdict]:
-    """Judge the statement of Sec. 2.4.5 that several sensors are better than one."""
+    """Return the verdicts on the statement of Sec. 2.4.5 that several sensors are better than one."""
     out = []
     for way in WAYS:
         one, two = v.find(table, way, 1.0), v.find(table, way, 2.0)

@@ -80,7 +80,15 @@ def _blind(theta: float, phi: float, plane: int) -> bool:
 
 
 def _sampled(theta: float, phi: float, plane: int, draws: int, rng: np.random.Generator) -> float:
-    """Draw measurements and return the variance of their projected angle over that of the measurements."""
+    """Draw measurements; return the variance of their angle in a plane over that of a measured angle.
+
+    Args:
+        theta: true polar angle [rad].
+        phi: true azimuth [rad].
+        plane: index of the plane.
+        draws: number of measurements.
+        rng: their noise.
+    """
     noisy = direction(theta + SIGMA * rng.standard_normal(draws), phi + SIGMA * rng.standard_normal(draws))
     true = projected_angles(direction(np.asarray(theta), np.asarray(phi)))[plane]
     return float(np.mean(wrap_angle(projected_angles(noisy)[:, plane] - true) ** 2)) / SIGMA**2
@@ -134,7 +142,10 @@ def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _variances(theta: Floats, phi: Floats) -> Floats:
-    """Return (N, 3) variances of the projected angles over that of the measurements."""
+    """Return the variances (N, 3) of the angles in each plane over that of the measurements, to first order.
+
+    `theta`, `phi`: (N,) directions [rad].
+    """
     return np.diagonal(projected_covariance(theta, phi, sigma_theta=1.0, sigma_phi=1.0, rotation=EYE), axis1=1, axis2=2)
 
 
@@ -148,7 +159,7 @@ def xy_is_worst(seed: int) -> float:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Judge first order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
+    """Return the verdicts on first order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
     points = []
     for row in table:
         if row.series.endswith(FIRST):
@@ -180,7 +191,14 @@ def judge(table: Table) -> list[StatementVerdict]:
 
 
 def _rarely(key: str, statement: str, wrong: Measure, limit: float) -> StatementVerdict:
-    """Judge that a statement is wrong for a small share of the directions; in part: for fewer than by chance."""
+    """Return the verdict on a statement that should be wrong for few directions; in part: for fewer than by chance.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        wrong: share of directions, 0 to 1.
+        limit: largest share.
+    """
     rule = f"at most {limit:g}; in part: at most {CHANCE:g} (chance is 0.5)"
     return v.judge(key, statement, wrong, v.at_most(limit), v.at_most(CHANCE), rule=rule, paper=0.0)
 

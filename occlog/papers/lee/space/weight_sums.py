@@ -66,13 +66,13 @@ def weight_trial(spec: Spec) -> dict[str, float]:
 
 
 def _density(off: Floats, sigma: Floats) -> Floats:
-    """Return the Gaussian densities [1/deg] of (T, L) differences with (T,) standard deviations [rad]."""
+    """Return the Gaussian densities (T, L) [1/deg] of differences `off` (T, L) with deviations `sigma` (T,) [rad]."""
     s = sigma[:, None]
     return np.asarray(np.exp(-0.5 * (off / s) ** 2) / (math.sqrt(2.0 * math.pi) * np.degrees(s)))
 
 
 def sums(size: Size, execute: Execute) -> Table:
-    """Compute the sums against the variance, in units of degrees and of radians, relative to the least variance too."""
+    """Table of the sums of weights against the variance, in degrees, in radians, and relative to the least variance."""
     results = execute([{"paper": "lee27", "seed": size.seed, "run": r, "steps": size.steps} for r in range(size.runs)])
     rows = []
     for (name, key, angles), x in product(((PLANE, "plane", 1), (SPACE, "space", 2)), VARIANCES):
@@ -87,7 +87,7 @@ def sums(size: Size, execute: Execute) -> Table:
 
 
 def judge_sums(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 2-7."""
+    """Return the verdicts on the statements about Fig. 2-7."""
     out = []
     keys = {"degrees": "fig2.7-larger", "radians": "fig2.7-unit"}
     for unit, key in keys.items():

@@ -70,7 +70,7 @@ class SpaceWorld(NamedTuple):
 
     @property
     def P0(self) -> Floats:  # noqa: N802 - the paper's letter
-        """(6, 6) covariance of the prior."""
+        """Prior covariance (6, 6) of position and velocity."""
         return np.diag([self.prior[0] ** 2] * 3 + [self.prior[1] ** 2] * 3)
 
     @property
@@ -80,7 +80,7 @@ class SpaceWorld(NamedTuple):
 
 
 def world(scenario: int, steps: int) -> SpaceWorld:
-    """Make scenario 1 to 4 of Sec. 2.4, or `TABLE`, the world of Tables 2.1 and 2.2."""
+    """Return scenario 1 to 4 of Sec. 2.4, or `TABLE`, the world of Tables 2.1 and 2.2, with `steps` instants."""
     if scenario == TABLE:
         return _table_world(steps)
     dt = np.full(steps, STEP_S)
@@ -104,7 +104,7 @@ def _table_world(steps: int) -> SpaceWorld:
 
 
 def scans(w: SpaceWorld, rng: Generator) -> list[Scan]:
-    """Draw the arrays' reports: both angles with noise, labelled, at every instant."""
+    """Draw the reports of the arrays in the world `w`: both angles with noise, labelled, at each of T instants."""
     T, S = len(w.states), len(w.positions)
     angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.positions]
     theta = np.stack([a for a, _ in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
@@ -131,7 +131,16 @@ def scene_of(w: SpaceWorld) -> Scene:
 
 
 def space_spec(size: Size, run: int, scenario: int, method: str, particles: int, **settings: Any) -> Spec:
-    """Describe a trial for `space_trial`; `wrong` in the settings: the plane yz has a wrong model for a time."""
+    """Return the specification of a trial for `space_trial`.
+
+    Args:
+        size: steps, and the seed of all runs.
+        run: number of the run.
+        scenario: 1 to 4, or `TABLE`.
+        method: `direct3d` or `pps`.
+        particles: number of particles.
+        **settings: of the method; `wrong`: the plane yz has a wrong model for a time.
+    """
     return {
         "paper": "lee2",
         "seed": size.seed,
@@ -166,7 +175,15 @@ def space_trial(spec: Spec) -> dict[str, float]:
 def _track(
     w: SpaceWorld, given: list[Scan], start: tuple[float, ...], spec: Spec, rng: Generator
 ) -> tuple[Floats, list[list[int]]]:
-    """Run the filter; return (T, 3) estimates, and the planes of each (none for the direct method)."""
+    """Run the filter; return estimates (T, 3), and the selected planes of each (none for the direct method).
+
+    Args:
+        w: the world.
+        given: T scans.
+        start: mean and deviations of the first state.
+        spec: see `space_spec`.
+        rng: random numbers of the particles.
+    """
     table, settings = spec["scenario"] == TABLE, dict(spec["settings"])
     wrong = settings.pop("wrong", False)
     common: Values = {
@@ -200,7 +217,10 @@ def _track_by_planes(
     models: list[tuple[AccelerationModel, ...]] | None,
     rng: Generator,
 ) -> tuple[Floats, list[list[int]]]:
-    """Run PPS; `models`: each plane's motion up to every instant, None: that of the settings."""
+    """Run PPS on the scans `given` (T); return estimates (T, 3), and the planes selected at each.
+
+    `models`: each plane's motion up to every instant; None: that of the settings.
+    """
     state, positions = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
     pairs = []
     for k, scan in enumerate(given):
@@ -214,7 +234,10 @@ def _track_by_planes(
 
 
 def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationModel, ...]:
-    """Return each plane's model up to instant k: a turn in yz, the known acceleration of one axis elsewhere."""
+    """Return each plane's motion up to instant k: a turn in yz, the known acceleration of one axis elsewhere.
+
+    `wrong`: the plane yz gets no turn.
+    """
     change = (w.states[k] - w.states[max(k - 1, 0)])[3:] / TABLE_STEP_S
     still = np.zeros(2)
     parts = [AccelerationModel(change[list(axes)], still) for axes in AXES]
@@ -224,10 +247,10 @@ def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationMode
 
 @functools.lru_cache(maxsize=16)
 def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
-    """Return (T, 3) standard deviations of x, y and z [m]: the direct bound, and that of the planes.
+    """Return standard deviations (T, 3) of x, y and z [m] in a `scenario`: the direct bound, and that of the planes.
 
-    At each instant the planes are the two with the least variances of their angles at the true position, over
-    all arrays; on the axis that both have, the lower bound counts.
+    At each of T = `steps` instants the planes are the two with the least variances of their angles at the true
+    position, over all arrays; on the axis that both have, the lower bound counts.
     """
     w = world(scenario, steps)
     xyz, sigmas = w.states[:, :3], (SIGMA, SIGMA)

@@ -43,7 +43,7 @@ class TrafficConfig(Settings):
 
     @property
     def protocols(self) -> tuple[str, ...]:
-        """Return the distinct names in `protocol`."""
+        """Distinct names in `protocol`, in order."""
         return tuple(dict.fromkeys(listed(self.protocol)))
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

@@ -41,7 +41,7 @@ PRINTED = {
 
 
 def network(scenario: int, channel: str = SHARED) -> RouterNetwork:
-    """Return the string of five routers and a server ([Lee] Fig. 5-41) in a scenario."""
+    """Return the string of five routers and a server ([Lee] Fig. 5-41) in a scenario, with a kind of `channel`."""
     tracking, cameras = SCENARIOS[scenario]
     return RouterNetwork(
         links=(*pairwise(ROUTERS), ("R5", "server")),
@@ -58,7 +58,7 @@ def network(scenario: int, channel: str = SHARED) -> RouterNetwork:
 
 
 def end_to_end(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute the largest end-to-end delay of each scenario, channel and protocol against image size and share."""
+    """Table of the largest end-to-end delay of each scenario, channel and protocol against image size and share."""
     rows = []
     for scenario in SCENARIOS:
         for channel in CHANNELS:
@@ -71,7 +71,7 @@ def end_to_end(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def hop_by_hop(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Compute mean delays of a hop of each kind of message, with the printed ones."""
+    """Return the table of mean delays of a hop of each kind of message, with the printed ones."""
     rows = []
     for scenario, printed in PRINTED.items():
         for case in _cases(scenario, SHARED, (USUAL_KB,), (USUAL_SHARE,)):
@@ -93,7 +93,7 @@ def _cases(scenario: int, channel: str, images_kb: tuple[float, ...], shares: tu
 
 
 def judge_end_to_end(table: Table) -> list[StatementVerdict]:
-    """Judge the orderings that the text states; nothing is random, so that a difference has no error bar."""
+    """Verdicts on the orderings that the text states; nothing is random, so that a difference has no error bar."""
     out = []
     for scenario, (low, high) in {1: PROTOCOLS, 2: PROTOCOLS[::-1], 3: PROTOCOLS[::-1]}.items():
         for channel in CHANNELS:
@@ -130,7 +130,7 @@ def judge_end_to_end(table: Table) -> list[StatementVerdict]:
 
 
 def judge_hops(table: Table) -> list[StatementVerdict]:
-    """Judge the orderings of the printed hop-by-hop delays; the numbers depend on settings that are not given."""
+    """Verdicts on the orderings of the printed hop-by-hop delays; the numbers depend on settings that are not given."""
     out = []
     for scenario in PRINTED:
         for kind in ("visual sensing data", "final estimation data"):
@@ -148,7 +148,14 @@ def judge_hops(table: Table) -> list[StatementVerdict]:
 
 
 def _ordered(key: str, statement: str, gaps: list[float], of: str) -> StatementVerdict:
-    """Judge that all gaps are above 0; `measured` is the smallest."""
+    """Return the verdict on whether all gaps are above 0; the smallest is shown.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        gaps: differences.
+        of: words for what they are of.
+    """
     points = [v.StatementPoint(exact(gap), v.above(0.0)) for gap in gaps]
     shown = exact(min(gaps)) if gaps else None
     return v.judge_points(

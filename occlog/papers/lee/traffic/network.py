@@ -31,7 +31,7 @@ class SensorNode:
 
 @dataclass(frozen=True)
 class CameraNode:
-    """A camera at a router."""
+    """Camera, and the name of the router that it is connected to."""
 
     name: str
     router: str
@@ -39,7 +39,7 @@ class CameraNode:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Bytes sent."""
+    """Sizes of packets, acknowledgements and messages, in bytes."""
 
     packet: int = 1000  # payload of a packet, at most
     header: int = 0  # added to each packet
@@ -100,7 +100,7 @@ class RouterNetwork:
         return frozenset({"link " + " ".join(sorted((a, b)))})
 
     def tree(self, source: str, destinations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-        """Return the children of each node in the tree of shortest paths from a node to all destinations.
+        """Return the children of each node in the tree of shortest paths from the node `source` to all destinations.
 
         KeyError names a destination that no way leads to.
         """
@@ -164,7 +164,7 @@ class NetworkMessage:
 
 @dataclass
 class _PacketHop:
-    """One packet on one link."""
+    """One packet that waits for, or is sent over, one link."""
 
     channels: frozenset[str]
     packet_s: float
@@ -187,12 +187,12 @@ class NetworkSimulation:
     _busy: set[str] = field(default_factory=set)
 
     def at(self, time_s: float, then: Then) -> None:
-        """Schedule an action at a time; actions of equal time run in order of scheduling."""
+        """Schedule the call of `then` at `time_s` [s]; calls of equal time run in the order of scheduling."""
         heapq.heappush(self._events, (time_s, self._number, then))
         self._number += 1
 
     def run(self) -> None:
-        """Run all scheduled actions in time order."""
+        """Run all scheduled calls in the order of time, those that they schedule included."""
         while self._events:
             self.now_s, _, then = heapq.heappop(self._events)
             then(self.now_s)
@@ -295,7 +295,7 @@ RBVC, SBVC = "rbvc", "sbvc"
 
 
 class Cycle(NamedTuple):
-    """Result of one tracking cycle."""
+    """Result of one tracking cycle: delays [s] by router with objects, and all messages."""
 
     delays: dict[str, float]  # of each router with objects: from the detection to the last final estimate [s]
     messages: list[NetworkMessage]
@@ -348,7 +348,7 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
             finish(router, now_s)
 
     def heard(router: str, now_s: float) -> None:
-        """Make the estimate of a router that has all acoustic data."""
+        """Schedule the estimate of a router, which has all acoustic data at the time `now_s` [s]."""
 
         def estimate(t: float) -> None:
             if protocol == RBVC:

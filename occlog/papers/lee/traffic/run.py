@@ -16,7 +16,7 @@ from .stage import TrafficCase, delay_rows, simulate_traffic
 
 
 def run_traffic(request: TrafficRequest, job: Job) -> tuple[dict[str, object], tuple[()]]:
-    """Simulate all cases and write their delays; return the summary, with no losses."""
+    """Simulate all cases and write their delays; return the summary, and no losses."""
     config = configure(TrafficConfig(), request.settings)
     network = network_of(read_network(request.network))
     cases: list[TrafficCase] = []
@@ -40,7 +40,7 @@ def _name(case: TrafficCase) -> str:
 
 
 def network_of(spec: NetworkSpec) -> RouterNetwork:
-    """Return the network described by a file."""
+    """Return the network that the content of a file specifies."""
     return RouterNetwork(
         links=tuple((a, b) for a, b in spec.links),
         server=spec.server,

@@ -33,7 +33,7 @@ class TrafficCase(NamedTuple):
 
 
 def simulate_traffic(network: RouterNetwork, config: TrafficConfig) -> Iterator[TrafficCase]:
-    """Simulate each protocol with each size of images and each share of objects."""
+    """Generate the cases: each protocol with each size of images and each share of objects, simulated for a cycle."""
     own = network if config.channel is None else replace(network, channel=config.channel)
     for protocol in config.protocols:
         for image_kb in dict.fromkeys(config.image_kb):

@@ -38,7 +38,7 @@ MAY = 10.0
 
 
 def decoys(size: Size, execute: Execute) -> Table:
-    """Compute the share of runs in which the tracker is on a wrong target at the end [%]; x is the scene, from 1."""
+    """Table of the share of runs in which the tracker is on a wrong target at the end [%]; x is the scene, from 1."""
     results = execute([_spec(size, run, scene) for scene in SCENES for run in range(size.runs)])
     rows = []
     for label in METHODS:
@@ -67,7 +67,7 @@ def _spec(size: Size, run: int, scene: str) -> Spec:
 
 
 def judge_decoys(table: Table) -> list[StatementVerdict]:
-    """Judge that CMCT may attach to wrong targets on the line, that the line is the cause, and that BMCT does less."""
+    """Verdicts on whether CMCT attaches to wrong targets on the line, because of the line, and BMCT does less."""
     out = []
     on, off = (f"others {name}" for name in SCENES.values())
     bmct = v.find(table, f"BMCT, {on}")

@@ -45,7 +45,7 @@ class FailureCurve(NamedTuple):
 
 
 def failure_rates(size: Size, execute: Execute) -> Table:
-    """Compute FR_p + FR_l [%] against the total number of particles, for each filter and number of targets."""
+    """Table of FR_p + FR_l [%] against the total number of particles, for each filter and number of targets."""
     counts, tried = ((4, 6), QUICK) if size.quick else ((4, 5, 6, 8), TRIED)
     results = execute([_spec(size, run, n, tried) for n in counts for run in range(size.runs)])
     rows = []
@@ -110,7 +110,7 @@ def growth(curves: Sequence[FailureCurve], runs: Sequence[int] | slice = slice(N
 
 
 def curves_of(table: Table, name: str) -> list[FailureCurve]:
-    """Return the curves of a filter by rising number of targets."""
+    """Return the curves of failures over particles of the filter `name`, by rising number of targets."""
     out = []
     for n in (4, 5, 6, 8):
         rows = v.series(table, series_of(name, n))
@@ -120,7 +120,7 @@ def curves_of(table: Table, name: str) -> list[FailureCurve]:
 
 
 def judge_failures(table: Table) -> list[StatementVerdict]:
-    """Judge the growth of what suffices, the printed numbers, and that more particles are more stable."""
+    """Verdicts on the growth of what suffices, the printed numbers, and that more particles are more stable."""
     out = []
     own = {name: [c for c in curves_of(table, name) if c.targets <= 6] for name in (BMCT, MCMC)}
     for name, good, statement in (
@@ -147,7 +147,10 @@ def judge_failures(table: Table) -> list[StatementVerdict]:
 
 
 def _more_stable(name: str, table: Table) -> list[StatementVerdict]:
-    """Judge that failures with the most particles are below those with the fewest; nothing if missing."""
+    """Return the verdict on whether the filter `name` fails less with the most particles than with the fewest.
+
+    Empty without rows of it.
+    """
     ends = [(rows[-1], rows[0]) for n in (4, 5, 6, 8) if (rows := v.series(table, series_of(name, n)))]
     statement = f"More particles are more stable ({name}): failures with the fewest less those with the most, by [%]."
     verdict = everywhere(f"table2-rates-{name.lower()}-stable", statement, ends)

@@ -63,7 +63,14 @@ def fig7_shots(size: Size) -> Shots:
 
 
 def shot_of(frame: BallsFrame, rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> FigureImage:
-    """Make the picture of one view of a frame with a method's trackers."""
+    """Return the picture of one view of a frame with a method's trackers, their links and epipolar lines.
+
+    Args:
+        frame: images and true outlines.
+        rows: trackers of all views in this frame.
+        view: index of the view.
+        geometry: fundamental matrices.
+    """
     own = np.flatnonzero(rows.view == view)
     marks = tuple(Mark(int(rows.target_id[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
     links = tuple((rows.ellipse[i, :2], rows.ellipse[j, :2]) for i in own for j in own if i < j and rows.touching[i, j])
@@ -79,7 +86,7 @@ def _good(frame: BallsFrame, rows: TrackerOutlines, i: int) -> bool:
 
 
 def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[EpipolarLine, ...]:
-    """Return the epipolar lines of the views with estimates that help a tracker in this frame."""
+    """Return the epipolar lines in a view of the estimates in other views that help its trackers in this frame."""
     out = []
     for i in np.flatnonzero(rows.view == view):
         for other in np.flatnonzero(rows.assisting_views[i]):
@@ -91,7 +98,7 @@ def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[Ep
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """Compute the share of trackers that are not on their target [%], in twentieths of the video and at its end."""
+    """Table of the share of trackers that are not on their target [%], in twentieths of the video and at its end."""
     results = execute([spec_of(size, run) for run in range(size.runs)])
     rows = []
     for m in SHOWN:
@@ -112,7 +119,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Fig. 7: MIPF, IDMOT and BMCT."""
+    """Return the verdicts on the statements about Fig. 7: MIPF, IDMOT and BMCT."""
     end = {m: next(r for r in table if r.series == f"{m.upper()}, last frame") for m in SHOWN}
     hijacked, n = end["mipf"], end["mipf"].runs
     failed = sum(x > 0 for x in end["idmot"].values)

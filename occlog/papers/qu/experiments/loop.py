@@ -59,7 +59,7 @@ def _methods(quick: bool, frames: int) -> dict[str, dict[str, object]]:
 
 
 def loop(size: Size, execute: Execute) -> Table:
-    """Compute rates [%] of BMCT against the shift of the lines, with other wrong lines, and with injected failures."""
+    """Table of rates [%] of BMCT against the shift of the lines, with other wrong lines, and with injected failures."""
     methods = _methods(size.quick, size.steps)
     specs = [views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)]
     results = execute(specs)
@@ -77,7 +77,10 @@ def loop(size: Size, execute: Execute) -> Table:
 
 
 def _alarmed(row: PaperRow, results: Sequence[Mapping[str, float]], label: str) -> PaperRow:
-    """Return the row with the mean figures of the loop check."""
+    """Return a copy of the row with the mean figures of the loop check.
+
+    `results`: figures of each run; `label`: of the method in them.
+    """
     extra = dict(row.extra)
     for name in ("checked", "bad", "false_alarm", "missed"):
         given = [r[f"{label}.{name}"] for r in results if not math.isnan(r[f"{label}.{name}"])]
@@ -111,7 +114,7 @@ def _finite(row: PaperRow) -> PaperRow:
 
 
 def judge_loop(table: Table) -> list[StatementVerdict]:
-    """Judge what the check notices, how often it is wrong, and whether BMCT is inferior to IDMOT."""
+    """Return the verdicts on what the check notices, how often it is wrong, and whether BMCT is inferior to IDMOT."""
     out = [*_noticed(table), *_alarms(table)]
     for rate, name in RATES.items():
         idmot, right = v.find(table, f"{IDMOT}, {name}"), v.find(table, f"{BMCT}, {name}", 0.0)
@@ -162,7 +165,14 @@ def _known(values: Iterable[float]) -> list[float]:
 
 
 def _not_inferior(rate: str, name: str, idmot: PaperRow, wrong: Sequence[PaperRow]) -> StatementVerdict:
-    """Judge that no rate is higher; the verdict shows the worst."""
+    """Return the verdict on whether BMCT with wrong lines has no higher rate than IDMOT; the worst is shown.
+
+    Args:
+        rate: `fr_p` or `fr_l`.
+        name: of the rate.
+        idmot: its row.
+        wrong: rows of BMCT, one for each kind of wrong lines.
+    """
     points = [v.StatementPoint(difference_of(idmot, r), v.at_most(LITTLE)) for r in wrong]
     worst = max((p.measure for p in points), key=lambda m: m.value, default=None)
     statement = f"BMCT is never inferior to IDMOT, even with wrong lines: rate of {name} higher at worst by [%]."
@@ -189,7 +199,7 @@ SWEEPS = (1, 2, 4)
 
 
 def sweeps(size: Size, execute: Execute) -> Table:
-    """Compute both rates [%] of BMCT against the number of sweeps."""
+    """Return the table of both rates [%] of BMCT against the number of sweeps."""
     methods = {f"bmct {n}": {"method": "bmct", "set": {"sweeps": n}} for n in SWEEPS}
     results = execute([views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)])
     return [
@@ -200,7 +210,7 @@ def sweeps(size: Size, execute: Execute) -> Table:
 
 
 def judge_sweeps(table: Table) -> list[StatementVerdict]:
-    """Judge that a second sweep helps, and that more than two gain nothing."""
+    """Return the verdicts on whether a second sweep helps, and that more than two gain nothing."""
     out = []
     for rate, name in RATES.items():
         once, twice, often = (v.find(table, name, float(n)) for n in SWEEPS)

@@ -24,7 +24,7 @@ ENDS = {"end_other": "on the other", "end_none": "on none"}
 
 
 class MechanismCase(NamedTuple):
-    """A scene and its special property."""
+    """Staged scene: its name, the view that is judged, the label of its series, and the number of further balls."""
 
     scene: str
     view: int  # in which the balls meet, from 0
@@ -48,7 +48,7 @@ DIRECTION, LINE, ROW = (CASES[0],), CASES[3:5], CASES[6:]
 
 
 def mechanisms(size: Size, execute: Execute) -> Table:
-    """Compute the share of trackers off their own target at the end [%], and on what they are."""
+    """Return the table of the share of trackers off their own target at the end [%], and on what they are."""
     results = execute([_spec(size, run, case) for case in CASES for run in range(size.runs)])
     rows = []
     for m in SHOWN:
@@ -68,7 +68,7 @@ def _spec(size: Size, run: int, case: MechanismCase) -> Spec:
 
 
 def judge_mechanisms(table: Table) -> list[StatementVerdict]:
-    """Judge that each mechanism makes IDMOT fail, that its control does not, and that BMCT rectifies it."""
+    """Verdicts on whether each mechanism makes IDMOT fail, that its control does not, and that BMCT rectifies it."""
     out: list[StatementVerdict] = []
     for key, cases, control, what, why in (
         ("direction", DIRECTION, CASES[2], DIRECTION[0].label, "absence of distinct inertia directions"),
@@ -96,7 +96,10 @@ def judge_mechanisms(table: Table) -> list[StatementVerdict]:
 
 
 def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = "") -> PaperRow | None:
-    """Return the mean over some cases of every run; with `end` of those trackers alone that end there."""
+    """Return a row of the means of a method over some cases, run by run; None if one is missing.
+
+    `end`: take the share of trackers that end there; empty: that of all off their target.
+    """
     rows = [v.find(table, f"{method}: {case.label}") for case in cases]
     found = [r for r in rows if r is not None]
     if len(found) < len(cases):
@@ -106,7 +109,7 @@ def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = 
 
 
 def _ends(table: Table) -> list[StatementVerdict]:
-    """Judge that labels are exchanged, that clutter attracts trackers, and where the other view does not help."""
+    """Verdicts on whether labels are exchanged, clutter attracts trackers, and the other view does not help."""
     out = []
     exchanged, lost = (_mean(table, "IDMOT", LINE, end) for end in ENDS.values())
     if exchanged is not None and lost is not None:

@@ -22,7 +22,7 @@ LOW = 8.0
 
 
 def motion(size: Size, execute: Execute) -> Table:
-    """Compute both rates [%] of every method at every motion; x is the position in `MOTIONS`, from 1."""
+    """Return the table of both rates [%] of every method at every motion; x is the position in `MOTIONS`, from 1."""
     results = execute([_spec(size, run, name) for name in MOTIONS for run in range(size.runs)])
     rows = []
     for rate, name in RATES.items():
@@ -39,7 +39,7 @@ def _spec(size: Size, run: int, motion: str) -> Spec:
 
 
 def judge_motion(table: Table) -> list[StatementVerdict]:
-    """Judge BMCT against IDMOT at every motion, whether it tracks manoeuvring targets, and the remedy."""
+    """Verdicts on BMCT against IDMOT at every motion, whether it tracks manoeuvring targets, and the remedy."""
     out = []
     for rate, name in RATES.items():
         statement = (
@@ -54,7 +54,15 @@ def judge_motion(table: Table) -> list[StatementVerdict]:
 
 
 def _of_motion(rate: str, name: str, motion: str, plain: PaperRow, better: PaperRow) -> list[StatementVerdict]:
-    """Judge BMCT and its remedy at one motion."""
+    """Return the verdicts on BMCT and its remedy at one motion.
+
+    Args:
+        rate: `fr_p` or `fr_l`.
+        name: of the rate.
+        motion: its name.
+        plain: row of BMCT.
+        better: row of BMCT with the remedy.
+    """
     key, out = f"motion-{motion}-{rate}", []
     if rate == "fr_l":
         statement = f"BMCT tracks the targets ({motion}): rate of {name} [%]."

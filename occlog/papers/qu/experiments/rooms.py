@@ -76,7 +76,7 @@ HALVES = ("first half", "second half")
 
 
 def compute(recording: PaperVideo, size: Size, execute: Execute) -> Table:
-    """Compute both rates of every method [%], and for its trackers the share off their targets in each half."""
+    """Table of both rates of every method [%], and for its trackers the share off their targets in each half."""
     people = {"people": recording.people, "views": recording.views, "frames": size.steps}
     specs = [
         rooms_spec(seed_of(size, run), recording.methods, people, fps=recording.fps, grey=recording.grey)
@@ -95,7 +95,7 @@ def compute(recording: PaperVideo, size: Size, execute: Execute) -> Table:
 
 
 def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
-    """Judge that BMCT is robust, and what else the paper states about the video."""
+    """Return the verdicts on whether BMCT is robust, and on what else the paper states about the video."""
     out = []
     for rate, name in RATES.items():
         own = {label: v.find(table, f"{label}, {name}") for label in recording.methods}

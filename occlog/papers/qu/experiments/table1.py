@@ -17,7 +17,7 @@ SMALL, SOME = 0.2, 0.5
 
 
 def table1(size: Size, execute: Execute) -> Table:
-    """Compute the mean CPU time of a frame of both views [ms], for each likelihood and for the whole step."""
+    """Table of the mean CPU time of a frame of both views [ms], for each likelihood and for the whole step."""
     methods = {"bmct": {"method": "bmct", "timed": True}}
     results = execute([views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)])
     rows = []
@@ -30,7 +30,7 @@ def table1(size: Size, execute: Execute) -> Table:
 
 
 def judge1(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Table 1: costs of collaboration and interaction relative to the likelihood."""
+    """Verdicts on the statements about Table 1: costs of collaboration and interaction relative to the likelihood."""
     local, interaction, collaboration = (v.find(table, name) for name in (LOCAL, INTERACTION, COLLABORATION))
     if local is None or interaction is None or collaboration is None:
         return []

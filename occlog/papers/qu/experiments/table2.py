@@ -46,7 +46,7 @@ def _printed_exponent(values: Mapping[int, float]) -> float:
 
 
 def judge2(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Table 2."""
+    """Return the verdicts on the statements about Table 2."""
     out = []
     for what, name, printed in (("particles", TOTAL, PRINTED), ("time", TIME, FPS)):
         sign = 1.0 if printed is PRINTED else -1.0
@@ -81,7 +81,17 @@ def _linear(key: str, statement: str, paper: float, rows: Sequence[PaperRow]) ->
 def _faster(
     key: str, statement: str, paper: float, rows: Sequence[PaperRow], bmct: Sequence[PaperRow]
 ) -> StatementVerdict:
-    """Judge that an exponent is above that of linear growth, or at least above that of BMCT."""
+    """Return the verdict on growth with the targets: the exponent of `rows` is above `LINEAR`.
+
+    In part, if it is only above that of the rows `bmct`.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        paper: exponent of the printed values.
+        rows: particles or time of the joint filter, by number of targets.
+        bmct: of BMCT, likewise.
+    """
     own = power_of(bmct).value
     rule = f"exponent above {LINEAR}; in part above that of BMCT, {own:.2f}"
     good, fair = v.above(LINEAR), v.above(min(own, LINEAR))
@@ -89,7 +99,14 @@ def _faster(
 
 
 def _exponential(rows: Sequence[PaperRow]) -> StatementVerdict:
-    """Judge whether the numbers grow by the same factor with every target, rather than as a power."""
+    """Return the verdict on joint SIR: its particles grow by a constant factor for every target.
+
+    Holds if log(particles) is fitted better by a line over the number of targets than over its logarithm: ratio of
+    the squared residuals of each run below 1.
+
+    Args:
+        rows: one for each number of targets (`x`); `values` are the total particles of each run.
+    """
     statement = (
         "Joint-state methods grow exponentially with the targets (joint SIR): squares left by a constant factor for "
         "every target, over those left by a power of their number."
@@ -121,7 +138,10 @@ class FilterVariant(NamedTuple):
     tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
 
     def total(self, targets: int, particles: float) -> float:
-        """Return the number of particles of all trackers in all views."""
+        """Return the number of particles of all trackers in all views, for a number of `targets`.
+
+        `particles`: of each tracker, or of the joint state.
+        """
         return VIEWS * particles * (1 if self.joint else targets)
 
 
@@ -149,7 +169,7 @@ FILTERS = {
 
 
 def table2(size: Size, execute: Execute) -> Table:
-    """Compute what each filter needs at each number of targets; the trials behind it are in the table only."""
+    """Table of what each filter needs at each number of targets; the trials behind it are in the table only."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6, 8)
     specs = [_spec(size, run, n) for n in counts for run in range(size.runs)]
     results, table, raw = execute(specs), [], []
@@ -166,13 +186,19 @@ def table2(size: Size, execute: Execute) -> Table:
 
 
 def _printed(counts: Sequence[int]) -> list[PaperRow]:
-    """Return the paper's particle numbers of the joint filter, relative to 4 targets."""
+    """Return rows of the paper's particle numbers of the joint filter, relative to 4 targets.
+
+    `counts`: numbers of targets; others are left out.
+    """
     unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
     return [PaperRow(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
 
 
 def _spec(size: Size, run: int, targets: int) -> Spec:
-    """Describe a trial of all filters with all numbers of particles on one video."""
+    """Return the specification of a trial of all filters, with all numbers of particles, on one video.
+
+    `run`: number of the run; `targets`: number of balls.
+    """
     methods = {
         f"{f.name}-{k}": {"method": f.method, "set": {**f.settings, "particles": k}}
         for f in FILTERS.values()
@@ -182,7 +208,14 @@ def _spec(size: Size, run: int, targets: int) -> Spec:
 
 
 def _trial(f: FilterVariant, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
-    """Collect effective samples and time of every run; x is the total number of particles."""
+    """Return rows of effective samples and time of every run; x is the total number of particles.
+
+    Args:
+        f: the filter.
+        targets: number of targets.
+        particles: of a tracker, or of the joint state.
+        results: figures of each run.
+    """
     found = {q: tuple(r[f"{f.name}-{particles}.{q}"] for r in results) for q in ("ess", "fr_p", "fr_l", "frame_ms")}
     rates = {q: math.fsum(found[q]) / len(results) for q in ("fr_p", "fr_l")}
     name, x = f"{f.name}, {targets} targets", f.total(targets, particles)
@@ -231,7 +264,14 @@ def _line(x: Floats, y: Floats, at: float) -> float:
 
 
 def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
-    """Return the rates at the number tried that is nearest to the one needed, and the printed number."""
+    """Return the rates at the number tried that is nearest to the mean of those needed, and the printed number.
+
+    Args:
+        f: the filter.
+        targets: number of targets.
+        trials: of each number tried.
+        need: number of particles needed in each run; empty: none is enough, and nothing is returned.
+    """
     if not need:
         return {}
     middle = math.fsum(need) / len(need)
@@ -241,7 +281,10 @@ def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequen
 
 
 def _fps(f: FilterVariant, targets: int, spent: Sequence[float]) -> dict[str, float]:
-    """Return frames (of all views) a second, and the printed ones."""
+    """Return frames (of all views) a second, and the printed ones for a number of `targets`; empty without times.
+
+    `spent`: CPU time of a frame in each run [ms].
+    """
     if not spent:
         return {}
     return {"fps": 1e3 * len(spent) / math.fsum(spent), "printed": FPS.get(f.name, {}).get(targets, math.nan)}

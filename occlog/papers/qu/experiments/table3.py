@@ -47,7 +47,7 @@ GOAL = {"fr_p": (5.0, 1.0), "fr_l": (8.0, 2.0)}
 
 
 def table3(size: Size, execute: Execute) -> Table:
-    """Compute both rates of every method in every video [%]; x is the position in `METHODS`, from 1.
+    """Return the table of both rates of every method in every video [%]; x is the position in `METHODS`, from 1.
 
     The value of a video is the mean over the seeds of the trackers, so that the standard error is over both seeds.
     """
@@ -67,7 +67,10 @@ def table3(size: Size, execute: Execute) -> Table:
 
 
 def _spec(size: Size, run: int) -> Spec:
-    """Describe a video with each method several times, the trackers with other seeds."""
+    """Return the specification of a video with each method several times, the trackers with other seeds.
+
+    `run`: number of the run, which gives the video.
+    """
     seed = seed_of(size, run)
     methods = {
         label: {"method": m, "track_seed": seed + k * FURTHER} for m in METHODS for k, label in enumerate(labels_of(m))
@@ -100,7 +103,7 @@ def _with(row: PaperRow, **more: float) -> PaperRow:
 
 
 def judge3(table: Table) -> list[StatementVerdict]:
-    """Judge the statements about Table 3: the order of the methods, how much lower BMCT's rates are, and its speed."""
+    """Verdicts on the statements about Table 3: order of the methods, how much lower BMCT's rates are, and speed."""
     out = []
     for rate, name in RATES.items():
         own = {m: v.find(table, name, x) for x, m in enumerate(METHODS, start=1)}
@@ -117,7 +120,13 @@ def judge3(table: Table) -> list[StatementVerdict]:
 
 
 def _much_lower(rate: str, name: str, rows: Mapping[str, PaperRow]) -> StatementVerdict:
-    """Judge the rate of BMCT against that of the best other method."""
+    """Return the verdict on the rate of BMCT over that of the best other method.
+
+    Args:
+        rate: `fr_p` or `fr_l`.
+        name: of the rate.
+        rows: by method.
+    """
     best = min((m for m in METHODS if m != "bmct"), key=lambda m: rows[m].mean)
     printed = PRINTED[rate]["bmct"] / PRINTED[rate]["idmot"]
     statement = (
@@ -131,7 +140,15 @@ def _much_lower(rate: str, name: str, rows: Mapping[str, PaperRow]) -> Statement
 
 
 def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
-    """Judge mean and median of BMCT; the median is at most a goal if at least half of the videos are."""
+    """Return the verdicts on mean and median of BMCT against the goals of this project.
+
+    The median is at most a goal if at least half of the videos are.
+
+    Args:
+        rate: `fr_p` or `fr_l`.
+        name: of the rate.
+        row: of BMCT.
+    """
     mean, median = GOAL[rate]
     statement = f"Goal of this project: mean rate of {name} of BMCT at most [%]."
     rule = "at most that; in part up to twice that"
@@ -148,7 +165,10 @@ def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
 
 
 def _speed(rows: Mapping[str, PaperRow]) -> list[StatementVerdict]:
-    """Judge the speed of BMCT against that of the others, by the CPU times of the same videos."""
+    """Return the verdicts on the speed of BMCT against that of the others, by the CPU times of the same videos.
+
+    `rows`: by method.
+    """
     times = {m: PaperRow(m, 0.0, rows[m].each["frame_ms"]) for m in METHODS}
     out = []
     for other in ("mipf", "idmot"):

@@ -25,7 +25,7 @@ SEEN, NOT_SEEN = "seen by camera 1", "not seen by camera 1"
 
 
 def unseen(size: Size, execute: Execute) -> Table:
-    """Compute the share of the two trackers in camera 2 that are off their targets at the end [%]."""
+    """Return the table of the share of the two trackers in camera 2 that are off their targets at the end [%]."""
     results = execute([_spec(size, run, hidden) for hidden in (True, False) for run in range(size.runs)])
     rows = []
     for x, label in enumerate(RUNNERS, start=1):
@@ -46,7 +46,7 @@ def _spec(size: Size, run: int, hidden: bool) -> Spec:
 
 
 def judge_unseen(table: Table) -> list[StatementVerdict]:
-    """Judge that without a counterpart IDMOT is done, and fails more than with one, and less with a third camera."""
+    """Verdicts on whether IDMOT fails more without a counterpart than with one, and less with a third camera."""
     alone, paired = (v.find(table, f"BMCT, {name}") for name in (NOT_SEEN, SEEN))
     third = v.find(table, f"BMCT, three cameras, {NOT_SEEN}")
     if alone is None or paired is None or third is None:

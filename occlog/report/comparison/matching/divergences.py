@@ -134,7 +134,15 @@ def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) 
 def _exchanges(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, partners: tuple[MatchedRuns, MatchedRuns]
 ) -> DivergenceKind:
-    """Time steps from which a track has another partner."""
+    """Return the divergence by time steps from which a track has another partner: the first of them, and numbers.
+
+    Args:
+        a: estimates of the first run.
+        b: estimates of the second run.
+        pairs: of estimates in each frame.
+        times: (F,) of the frames [ns].
+        partners: partners of the tracks of each run over time.
+    """
     found = [(change.t_ns, change.who, change.after) for change in partners[0].changes]
     found += [(change.t_ns, change.after, change.who) for change in partners[1].changes]
     if not found:
@@ -153,7 +161,15 @@ def _of_pair(a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: I
 
 
 def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: int, *, first: bool) -> RunComparisonStep:
-    """Time step of a person without a partner, with the distance to the nearest person of the other run."""
+    """Return the time step of a person without a partner, with the distance to the nearest person of the other run.
+
+    Args:
+        own: estimates of the person's run.
+        other: estimates of the other run.
+        times: (F,) of the frames [ns].
+        row: of the person in `own`.
+        first: whether `own` is the first run.
+    """
     frame, label = int(own.frame[row]), int(own.label[row])
     at = slice(*np.searchsorted(other.frame, [frame, frame + 1]))
     away = np.hypot(*(other.xy[at] - own.xy[row]).T)
@@ -162,7 +178,12 @@ def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: in
 
 
 def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
-    """First and last frame of the longest sections with divergence."""
+    """Return first and last frame of the longest sections with divergence, up to `MAX_STRETCHES`, longest first.
+
+    Args:
+        parted: (F,) mask of frames with a divergence.
+        times: (F,) of the frames [ns].
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], parted, [False]]).astype(np.int8)))
     found = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
     found.sort(key=lambda each: (int(times[each[0]] - times[each[1]]), each[0]))
@@ -172,7 +193,15 @@ def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
 def _stretch(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, frames: tuple[int, int]
 ) -> DivergenceStretch:
-    """A section with its worst time step: largest distance of partners, or the first person without a partner."""
+    """Return a section with its worst time step: the first person without a partner, else the largest distance.
+
+    Args:
+        a: estimates of the first run.
+        b: estimates of the second run.
+        pairs: of estimates in each frame.
+        times: (F,) of the frames [ns].
+        frames: first and last frame of the section.
+    """
     inside = np.flatnonzero((pairs.frame >= frames[0]) & (pairs.frame <= frames[1]))
     lone = [
         _of_one(own, other, times, int(rows[0]), first=is_a)

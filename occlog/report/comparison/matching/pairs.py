@@ -37,7 +37,7 @@ class AlignedEstimates:
     label: Ints
 
     def objects(self) -> Objects:
-        """The positions as objects for matching."""
+        """Return the positions, with frames and labels, as objects for matching."""
         return Objects(self.frame, self.label, self.xy)
 
     def table(self, tracks: Tracks, times: Ints) -> Tracks:
@@ -166,7 +166,15 @@ def _lacking(count: int, rows: Ints) -> Bools:
 def _people(
     a: AlignedEstimates, b: AlignedEstimates, one_to_one: dict[int, int], of_a: Ints, of_b: Ints
 ) -> tuple[PersonPair, ...]:
-    """Tracks of one person: those of the one-to-one assignment, and every other one with its usual partner."""
+    """Return the tracks of each person in both runs: those assigned one to one, and others with their usual partner.
+
+    Args:
+        a: estimates of the first run.
+        b: estimates of the second run.
+        one_to_one: track of the second run by track of the first.
+        of_a: partner of each row of `a`.
+        of_b: partner of each row of `b`.
+    """
     number: dict[tuple[str, int], int] = {}
     for k, label in enumerate(np.unique(a.label).tolist()):
         partner = one_to_one.get(label)
@@ -224,7 +232,7 @@ class MatchedRuns(NamedTuple):
     passing: int
 
     def of(self, who: int) -> tuple[Piece, ...]:
-        """Intervals of one person."""
+        """Return the intervals in which a track is on the person `who`, by time."""
         return tuple(piece for piece in self.pieces if piece.who == who)
 
 
@@ -302,17 +310,23 @@ def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int)
 
 
 def _gap(t_ns: Ints, frame: Ints) -> Ints:
-    """(n - 1,) time between rows of non-adjacent frames, else 0."""
+    """Return the time [ns] (n - 1,) between successive rows if their frames are not adjacent, else 0.
+
+    `t_ns`: (n,) times; `frame`: (n,) frame numbers.
+    """
     return np.where(np.diff(frame) > 1, np.diff(t_ns), 0)
 
 
 def _changed(who: Ints, track: Ints) -> Bools:
-    """(n - 1,) mask of rows with another track than the previous row of the same person."""
+    """Return the mask (n - 1,) of rows with another track than the previous row of the same person.
+
+    `who`: (n,) person, `track`: (n,) track of each row; rows of a person follow each other.
+    """
     return np.asarray((np.diff(who) == 0) & (np.diff(track) != 0))
 
 
 def unmatched_changes(own: MatchedRuns, other: MatchedRuns, within_ns: int) -> tuple[TrackChange, ...]:
-    """Changes of one run without a change of the same person in the other run at about the same time."""
+    """Return the changes of one run without a change of the same person in the other within `within_ns` [ns]."""
     known: dict[int, list[int]] = {}
     for change in other.changes:
         known.setdefault(change.who, []).append(change.t_ns)
