@@ -32,7 +32,7 @@ from .config import JipdaConfig
 from .kernels.detections import LOG_SIZE_RANGE, DetectorModel, PackedDetections
 from .kernels.joint_association import BLIND_FRAME_PROBABILITY, NOISE_INFLATION, JipdaResult
 from .kernels.lasting_errors.camera_disagreement import BoxDisagreement
-from .target_set import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE, TargetSet
+from .target_set import CONSTANT_VELOCITY, MANOEUVRE, POSTURE_CHANGE, TargetSet, two_states
 
 PRIOR_BOXES = 5.0
 """Weight of the prior measurement noise of edges, in boxes of each of five sizes."""
@@ -339,8 +339,14 @@ PRIOR_POSTURE_CHANGES = 2.0
 """Weight of the prior posture-change rate, in posture changes."""
 PRIOR_TERMINATIONS = 2.0
 """Weight of the prior departure rate, in departures."""
+PRIOR_HIDDEN = (1.0, 60.0)
+"""Prior counts of the times that something unknown (a post, a plant) hides a person, and of person-seconds."""
+HIDDEN_S = 1.0
+"""Mean time for which something unknown hides a person [s]."""
 PRIOR_COMMON_MISSES = (0.2, 200.0)
 """Prior counts of people missed by all cameras at once, as by a detector that fuses them, and of people."""
+MIN_HIDDEN_COMPLEMENT = 1e-6
+"""Least probability that nothing unknown hides a person."""
 MAX_COMMON_MISS = 0.3
 """Maximum probability of a miss in all cameras at once."""
 MAX_ALL_MISSED = 0.01
@@ -390,6 +396,7 @@ class DetectorStatistics:
     turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
     bent: Floats  # (2,) times that a person bent, person-seconds upright
     false: Floats  # (3,) tracks with boxes of many cameras in one time step alone, in several, and time steps
+    hidden: Floats  # (C, 2) times that something unknown hid a person, person-seconds in plain view
     missed: Floats  # (2,) people who were missed in all frames of a time step at once, all people in plain view
 
 
@@ -406,6 +413,7 @@ def prior_statistics(cameras: int, config: JipdaConfig) -> DetectorStatistics:
         left=PRIOR_TERMINATIONS * np.array([1.0, config.mean_dwell_s]),
         turned=PRIOR_MANOEUVRES * np.array([1.0, config.manoeuvre_interval_s]),
         bent=PRIOR_POSTURE_CHANGES * np.array([1.0, config.posture_change_interval_s]),
+        hidden=np.tile(PRIOR_HIDDEN, (cameras, 1)),
         missed=np.array(PRIOR_COMMON_MISSES),
         false=np.array(PRIOR_COMMON_CLUTTER),
     )
@@ -454,6 +462,47 @@ def common_clutter_ratio(counts: DetectorStatistics) -> float:
 def track_termination_rate(counts: DetectorStatistics) -> float:
     """Track termination rate: people who leave, per person and second [1/s]."""
     return float(counts.left[0] / counts.left[1])
+
+
+def hiding_rate(counts: DetectorStatistics) -> Floats:
+    """(C,) rate [1/s] at which something unknown hides a person in plain view of each camera."""
+    return np.asarray(counts.hidden[:, 0] / counts.hidden[:, 1])
+
+
+def predict_hidden(hidden: Floats, interval: Floats, counts: DetectorStatistics) -> Floats:
+    """Predict the probability that something unknown hides people, by a two-state Markov chain for each camera.
+
+    Args:
+        hidden: (N, C) at each camera's last frame.
+        interval: (C,) time since then [s]; infinite: no frame now.
+        counts: rates at which people are hidden.
+    """
+    out = hidden.copy()
+    for c, rate in enumerate(hiding_rate(counts).tolist()):
+        if np.isfinite(interval[c]):
+            to = two_states(float(interval[c]), rate, 1.0 / HIDDEN_S)
+            out[:, c] = to[1, 0] + (to[1, 1] - to[1, 0]) * hidden[:, c]
+    return out
+
+
+def update_hidden(hidden: Floats, boxes: PackedDetections, result: JipdaResult) -> Floats:
+    """Update the probability that something unknown hides people by their detections and misses.
+
+    Args:
+        hidden: (N, C) predicted.
+        boxes: of the time step.
+        result: of the update, with these probabilities in the detection probabilities.
+    """
+    out = hidden.copy()
+    blind = blind_frames(boxes, result.existence, result.detection)
+    for frame, c in enumerate(boxes.camera.tolist()):
+        if blind[frame]:
+            continue
+        here = slice(boxes.first[frame], boxes.first[frame + 1])
+        missed = 1.0 - np.minimum((result.beta + result.joint)[:, here].sum(axis=1), 1.0)
+        seen = result.detection[frame] > 0.0
+        out[seen, c] *= (missed / (1.0 - result.detection[frame]))[seen]
+    return np.minimum(out, 1.0 - MIN_HIDDEN_COMPLEMENT)
 
 
 def manoeuvre_rate(counts: DetectorStatistics) -> float:
@@ -644,6 +693,7 @@ def update_statistics(
     boxes: PackedDetections,
     rates: DetectorModel,
     result: JipdaResult,
+    interval: Floats,
     alone: bool = False,
 ) -> DetectorStatistics:
     """Update the counts of detections, merges, outlier edges, manoeuvres and posture changes with one time step.
@@ -659,10 +709,12 @@ def update_statistics(
         boxes: frames of the time step with their M boxes, packed.
         rates: parameters of the cameras' detectors.
         result: associations and existence from the update.
+        interval: (C,) time since each camera's last frame [s]; infinite: no frame now, or none before.
         alone: positions are all there is: a missed detection lowers the existence of the person, so that who surely
             exists is judged before it, or no miss would ever be counted.
     """
     detected, curve, merges = counts.detected.copy(), counts.curve.copy(), counts.merges.copy()
+    hidden = counts.hidden.copy()
     sure = (before if alone else people.existence) > MIN_EXISTENCE_TO_LEARN
     last = len(curve) - 1
     present = 1.0 - result.missed
@@ -677,7 +729,11 @@ def update_statistics(
         here = slice(boxes.first[frame], boxes.first[frame + 1])
         hit, unmerged = result.beta[:, here].sum(axis=1), 1.0 - np.minimum(result.joint[:, here].sum(axis=1), 1.0)
         plain = sure & (visible > MIN_VISIBILITY_TO_LEARN)
-        detected[c] += (hit[plain].sum(), (unmerged * present)[plain].sum())
+        shown = unmerged * present * (1.0 - people.hidden[:, c])
+        detected[c] += (hit[plain].sum(), shown[plain].sum())
+        if np.isfinite(interval[c]):
+            time = people.hidden[plain, c].sum() * interval[c]
+            hidden[c] += (time / HIDDEN_S, (plain.sum() * interval[c] - time))
         merges[c] += result.merges[frame]
         # The curve, with each person's weight between two of its nodes
         seen = np.flatnonzero(sure & (visible > 0.0))
@@ -685,7 +741,7 @@ def update_statistics(
         k = np.minimum(at.astype(np.int64), last - 1)
         for knot, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
             np.add.at(curve[:, 0], knot, weight * hit[seen])
-            np.add.at(curve[:, 1], knot, weight * (unmerged * present)[seen] * rates.detection[c])
+            np.add.at(curve[:, 1], knot, weight * shown[seen] * rates.detection[c])
     # As many begin as end: the time spent in manoeuvres over how long one takes
     model = dt * people.model[sure].sum(axis=0)
     turned = counts.turned + np.array([model[MANOEUVRE] / config.manoeuvre_duration_s, model[CONSTANT_VELOCITY]])
@@ -702,4 +758,5 @@ def update_statistics(
         turned=turned,
         bent=bent,
         missed=missed,
+        hidden=hidden,
     )

@@ -42,11 +42,13 @@ from .detector_model import (
     persistent_clutter_density,
     persistent_clutter_rate,
     posture_change_rate,
+    predict_hidden,
     prior_edge_errors,
     prior_statistics,
     reliable_boxes,
     track_termination_rate,
     update_edge_errors,
+    update_hidden,
     update_sources,
     update_statistics,
 )
@@ -195,7 +197,7 @@ def initial_state(scene: Scene, cameras: Sequence[Camera | PositionSource], conf
         config=config,
         metre=metre,
         t_ns=None,
-        people=no_targets(),
+        people=no_targets(len(cameras)),
         counts=prior_statistics(len(cameras), config),
         edges=prior_edge_errors(len(cameras), metre, config),
         common=prior_common_error(metre),
@@ -269,6 +271,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )
     for_people = for_people - np.log1p(np.where(people.id[:, None] == NO_ID, before, static) / anywhere)
     N = len(people.key)
+    people = replace(people, hidden=predict_hidden(people.hidden, interval, state.counts))
     everywhere, at = birth_intensity(
         state.birth_map, BIRTH_DENSITY_PER_M2 / state.metre**2 / BIRTH_RENEWAL_S, BIRTH_RENEWAL_S
     )
@@ -283,6 +286,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         rates,
         for_people,
         arrivals,
+        people.hidden,
     )
     before_update, predicted = people.existence, people.body_mean
     people = update(people, result.information, result.vector, gait, config)
@@ -291,6 +295,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     people = replace(
         people,
         existence=result.existence,
+        hidden=update_hidden(people.hidden, boxes, result),
         last=np.where(detected, people.mean[:, :2], people.last),
         boxes=people.boxes + explained,
         steps=people.steps + result.existence * np.minimum(explained, 1.0),
@@ -301,7 +306,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )
     counts = update_statistics(
         state.counts, people, before_update, dt=dt, config=config, boxes=boxes, rates=rates, result=result,
-        alone=state.positions.alone,
+        interval=interval, alone=state.positions.alone,
     )  # fmt: skip
     good = reliable_boxes(
         boxes,
@@ -374,7 +379,15 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     people = concat(
         people,
         tentative_targets(
-            mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns, common[0], odds > STRONG_LOG_ODDS
+            mean,
+            covariance,
+            existence,
+            used.sum(axis=1),
+            state.next_key,
+            t_ns,
+            common[0],
+            odds > STRONG_LOG_ODDS,
+            len(state.views.size),
         ),
     )
     cues = update_features(
@@ -560,6 +573,7 @@ def associate(
     rates: DetectorModel,
     log_features: Floats,
     arrivals: float,
+    hidden: Floats,
 ) -> JipdaResult:
     """JIPDA update of people by the frames of one time step, with a new target as an alternative common to all cameras.
 
@@ -575,9 +589,10 @@ def associate(
         rates: parameters of the cameras' detectors.
         log_features: (N, M) log-likelihood ratios of tracklet ids, appearance and persistent clutter.
         arrivals: expected number of new people in the time step, a unit of area.
+        hidden: (N, C) probability that something unknown hides the person from each camera.
     """
     result = update_targets(
-        mean, covariance, existence, views, boxes, rates, log_features, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
+        mean, covariance, existence, views, boxes, rates, log_features, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2, hidden
     )
     off, P = (result.mean - mean)[:, :2], covariance[:, :2, :2]
     log = -0.5 * np.einsum("ni,ni->n", off, np.linalg.solve(P, off[..., None])[..., 0])
@@ -587,7 +602,7 @@ def associate(
         return result
     log_features = np.where(far[:, None] & (result.beta > MIN_ASSOCIATION_PROBABILITY), LOG_EXCLUDED, log_features)
     return update_targets(
-        mean, covariance, existence, views, boxes, rates, log_features, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
+        mean, covariance, existence, views, boxes, rates, log_features, UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2, hidden
     )
 
 

@@ -72,6 +72,7 @@ class TargetSet:
     static_known: Bools  # (N,) the box is at an established source of clutter
     static_log_odds: Floats  # (N,) log odds that the track is static clutter of this camera
     born_ns: Ints  # (N,)
+    hidden: Floats  # (N, C) probability that something unknown hides them from each camera
     separated_ns: Ints  # (N,) when they last stood apart from all other people
     first: Floats  # (N, 2) where they were detected first
     last: Floats  # (N, 2) where they were detected last
@@ -89,6 +90,7 @@ def tentative_targets(
     t_ns: int,
     common: float = 0.0,
     strong: Bools | None = None,
+    cameras: int = 0,
 ) -> TargetSet:
     """Create K tentative tracks at a time step.
 
@@ -101,6 +103,7 @@ def tentative_targets(
         t_ns: time of the time step.
         common: variance of the common error of position, per axis; the walk is at the observed position less the error.
         strong: (K,) initiated by boxes that independent clutter hardly explains; None: none of them.
+        cameras: number of cameras.
     """
     K = len(mean)
     full = np.zeros((K, FULL_SIZE, FULL_SIZE))
@@ -124,6 +127,7 @@ def tentative_targets(
         static_known=np.zeros(K, dtype=np.bool_),
         static_log_odds=np.full(K, PRIOR_STATIC_LOG_ODDS),
         born_ns=np.full(K, t_ns, dtype=np.int64),
+        hidden=np.zeros((K, cameras)),
         separated_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),
         last=mean[:, :2].copy(),
@@ -133,8 +137,8 @@ def tentative_targets(
     )
 
 
-def no_targets() -> TargetSet:
-    """Return a target set without tracks."""
+def no_targets(cameras: int = 0) -> TargetSet:
+    """Return a target set without tracks, for a number of cameras."""
     return tentative_targets(
         np.zeros((0, STATE_SIZE)),
         np.zeros((0, STATE_SIZE, STATE_SIZE)),
@@ -144,6 +148,7 @@ def no_targets() -> TargetSet:
         0,
         0.0,
         np.zeros(0, bool),
+        cameras,
     )
 
 
@@ -305,8 +310,8 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
     bending a person has constant velocity. `turning` and `bending` are the rates at which either begins [1/s].
     """
     turn, bend = (
-        _two_states(dt, turning, 1.0 / config.manoeuvre_duration_s),
-        _two_states(dt, bending, 1.0 / config.posture_change_duration_s),
+        two_states(dt, turning, 1.0 / config.manoeuvre_duration_s),
+        two_states(dt, bending, 1.0 / config.posture_change_duration_s),
     )
     out = np.zeros((len(MODELS), len(MODELS)))
     out[:POSTURE_CHANGE, :POSTURE_CHANGE] = turn * bend[0, 0]
@@ -318,7 +323,7 @@ def _transitions(dt: float, turning: float, bending: float, config: JipdaConfig)
     return out
 
 
-def _two_states(dt: float, begin: float, end: float) -> Floats:
+def two_states(dt: float, begin: float, end: float) -> Floats:
     """(2, 2) transition probabilities of a two-state Markov chain over `dt` [s], from the rates of its changes [1/s].
 
     `begin` is the rate from the first state to the second, `end` that back. Row: state after; column: state before.

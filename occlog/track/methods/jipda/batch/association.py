@@ -83,7 +83,7 @@ def associate(
     """
     after = update_targets(
         people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus,
-        UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2
+        UNTRACKED_TO_CLUTTER_RATIO, GATE_CHI2, np.zeros((len(people.track), len(state.views.size)))
     )  # fmt: skip
     who = PredictedPeople(people.track, after.mean, after.covariance, after.existence)
     there = after.existence[:, None]

@@ -498,6 +498,7 @@ def update_targets(
     log_features: Floats,
     new: float,
     gate: float,
+    hidden: Floats,
 ) -> JipdaResult:
     """Update all people by the frames of one time step, by expectation propagation.
 
@@ -511,6 +512,7 @@ def update_targets(
         log_features: (N, M) log-likelihood ratios of hints and appearance.
         new: expected number of boxes of people who are not among the N, as a share of the false alarms.
         gate: greatest squared Mahalanobis distance of a box.
+        hidden: (N, C) probability that something unknown hides the person from the camera.
     """
     N, L, M = mean.shape[0], boxes.camera.shape[0], boxes.box.shape[0]
     m, P = mean.copy(), covariance.copy()
@@ -553,6 +555,7 @@ def update_targets(
             # Predicted boxes, and probabilities of detection by the expected occlusion
             predict_boxes(views, c, boxes.delay[l], rates, predicted)
             detection_probabilities(views, c, rates, predicted, visible[l], detection[l])
+            detection[l] *= 1.0 - hidden[:, c]
             above = views.lens[c, MODEL] == GROUND_PLANE
             pair = (
                 np.empty((0, 2), dtype=np.int64)
