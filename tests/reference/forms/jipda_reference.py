@@ -369,6 +369,7 @@ def update(
     frames: Sequence[tuple[int, float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
     new: float,
     gate: float,
+    hidden: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """All people after the frames of a time step, by expectation propagation in two sweeps.
 
@@ -382,6 +383,7 @@ def update(
             ratios of features (N, m).
         new: share of the boxes of new people.
         gate: of the squared Mahalanobis distance.
+        hidden: (N, cameras) probability that something unknown hides the person.
     """
     N, L = len(mean), len(frames)
     total = sum(len(f[2]) for f in frames)
@@ -407,6 +409,7 @@ def update(
                     cells = visible_cells(camera, i, seen, r)
                     visible[l, i], covered[i] = cells.mean(), 1.0 - cells[-1].mean()
                     detection[l, i] = detector.detection * curve_at(detector.curve, visible[l, i])
+                    detection[l, i] *= 1.0 - hidden[i, c]
             pairs = who_touch(seen, r)
             for a, b in pairs:
                 detection[l, a] *= 1.0 - detector.merge * r[b]

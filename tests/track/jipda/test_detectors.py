@@ -9,20 +9,24 @@ import pytest
 
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.detector_model import (
+    HIDDEN_S,
     MAX_PERSISTENT_CLUTTER,
     Clutter,
     DetectorStatistics,
     blind_frames,
     clutter_rate,
     detector_model,
+    hiding_rate,
     manoeuvre_rate,
     no_clutter,
     persistent_clutter_density,
     persistent_clutter_rate,
     posture_change_rate,
+    predict_hidden,
     prior_edge_errors,
     prior_statistics,
     track_termination_rate,
+    update_hidden,
     update_statistics,
 )
 from occlog.track.methods.jipda.kernels.detections import DetectorModel, PackedDetections
@@ -41,7 +45,9 @@ def rates(counts: DetectorStatistics, config: JipdaConfig | None = None) -> Dete
 
 def everybody() -> TargetSet:
     """Six people who surely exist and walk on."""
-    return tentative_targets(np.zeros((N, 6)), np.tile(np.eye(6), (N, 1, 1)), np.full(N, 0.99), np.full(N, 4.0), 0, 0)
+    return tentative_targets(
+        np.zeros((N, 6)), np.tile(np.eye(6), (N, 1, 1)), np.full(N, 0.99), np.full(N, 4.0), 0, 0, cameras=1
+    )
 
 
 def look_at(count: int) -> PackedDetections:
@@ -78,6 +84,7 @@ def after(observations: int, visible: float, found: int) -> DetectorStatistics:
             boxes=look_at(found),
             rates=now,
             result=seen(visible, found),
+            interval=np.array([0.5]),
         )
     return counts
 
@@ -160,3 +167,37 @@ def test_people_who_never_bend_are_expected_to_bend_more_seldom() -> None:
     assert posture_change_rate(after(100, 1.0, 3)) == pytest.approx(
         2.0 / (2.0 * JipdaConfig().posture_change_interval_s + seconds)
     )
+
+
+def test_the_probability_of_being_hidden_follows_a_two_state_chain_and_bayes_rule() -> None:
+    counts = prior_statistics(1, JipdaConfig())
+    rate, interval = float(hiding_rate(counts)[0]), np.array([0.3])
+    stationary = rate * HIDDEN_S / (1.0 + rate * HIDDEN_S)
+    prior = predict_hidden(np.full((N, 1), 0.4), interval, counts)
+    expected = stationary + (0.4 - stationary) * np.exp(-0.3 * (rate + 1.0 / HIDDEN_S))
+    np.testing.assert_allclose(prior, expected)
+    np.testing.assert_array_equal(predict_hidden(prior, np.array([np.inf]), counts), prior)
+    # Of those who are shown 0.8 are detected; the first three are
+    update = seen(1.0, 3)._replace(detection=np.full((1, N), 0.8 * (1.0 - expected)))
+    after = update_hidden(prior, look_at(3), update)
+    np.testing.assert_allclose(after[:3], 0.0)
+    np.testing.assert_allclose(after[3:], expected / (expected + 0.2 * (1.0 - expected)))
+    # A camera outside of whose image they are, and one that is blind, say nothing
+    outside = update._replace(detection=np.zeros((1, N)))
+    np.testing.assert_array_equal(update_hidden(prior, look_at(3), outside), prior)
+    np.testing.assert_array_equal(update_hidden(prior, look_at(0), seen(1.0, 0)), prior)
+
+
+def test_people_who_are_hidden_do_not_lower_the_rate_of_detection() -> None:
+    shown, counts = everybody(), prior_statistics(1, JipdaConfig())
+    hidden = replace(shown, hidden=np.where(np.arange(N) < 3, 0.0, 1.0)[:, None])
+    both = [
+        update_statistics(
+            counts, people, people.existence, dt=0.5, config=JipdaConfig(), boxes=look_at(3), rates=rates(counts),
+            result=seen(1.0, 3), interval=np.array([0.5]),
+        )
+        for people in (shown, hidden)
+    ]  # fmt: skip
+    np.testing.assert_allclose(both[0].detected - counts.detected, [[3.0, N]])
+    np.testing.assert_allclose(both[1].detected - counts.detected, [[3.0, 3.0]])
+    np.testing.assert_allclose(both[1].hidden - counts.hidden, [[(N - 3) * 0.5 / HIDDEN_S, 1.5]])

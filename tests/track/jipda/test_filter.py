@@ -130,6 +130,18 @@ def test_one_camera_and_the_floor_are_enough() -> None:
     assert len(found) > 0.5 * 2 * 60
 
 
+def test_a_person_behind_an_unknown_obstacle_keeps_the_identity() -> None:
+    # A post that the scene does not have: no boxes of the only person for 2 s, in the only camera
+    made = crowd(people=1, cameras=1, frames=90, size=(6.0, 5.0), miss=0.05, false=0.1, seed=2)
+    gap = range(50, 70)
+    moments = [[emptied(f) for f in frames] if t in gap else frames for t, frames in enumerate(made.moments)]
+    found = pairs(made, follow(made._replace(moments=moments)), within=1.5)
+    before = {k for t, _, k, _ in found if 30 <= t < 50}
+    after = {k for t, _, k, _ in found if t >= 75}
+    assert len(before) == 1
+    assert after == before
+
+
 def test_supports_name_boxes_of_their_camera_and_sum_to_at_most_one() -> None:
     made = crowd(people=5, frames=10, seed=8)
     for frames_of_step, snapshot in zip(made.moments, follow(made), strict=True):

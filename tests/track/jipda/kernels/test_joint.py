@@ -57,7 +57,10 @@ def after(
     """The update of the people."""
     N, bonus = len(mean), np.zeros((len(mean), len(made.box)))
     there, known = np.full(N, existence), rates() if known is None else known
-    return update_targets(mean, np.repeat(P, N, axis=0), there, pack_views([VIEW]), made, known, bonus, 0.0, 30.0)
+    shown = np.zeros((N, 1))
+    return update_targets(
+        mean, np.repeat(P, N, axis=0), there, pack_views([VIEW]), made, known, bonus, 0.0, 30.0, shown
+    )
 
 
 def expected() -> tuple[Floats, Floats]:

@@ -275,8 +275,11 @@ def test_frames_without_any_boxes_are_blind_together() -> None:
 
 def agree(s: Scene) -> None:
     """All that the update gives is that of the equations."""
-    got = joint.update_targets(s.mean, s.covariance, s.existence, s.views, s.boxes, s.rates, s.features, NEW, GATE)
-    wanted = textbook.update(s.mean, s.covariance, s.existence, s.cameras, s.detectors, s.frames(), NEW, GATE)
+    hidden = np.random.default_rng(len(s.mean)).choice([0.0, 0.0, 0.1, 0.9], (len(s.mean), len(s.cameras)))
+    got = joint.update_targets(
+        s.mean, s.covariance, s.existence, s.views, s.boxes, s.rates, s.features, NEW, GATE, hidden
+    )
+    wanted = textbook.update(s.mean, s.covariance, s.existence, s.cameras, s.detectors, s.frames(), NEW, GATE, hidden)
     for name, value in wanted.items():
         if name not in ("information", "vector"):
             # Messages of slow loops stop 1e-5 short of each other, some 1e-3 of a probability from the limit
