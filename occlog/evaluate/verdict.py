@@ -415,7 +415,10 @@ def in_rows_of(tracks: Iterable[Tracks], diagnostics: Iterable[Diagnostics]) -> 
         while len(held) < len(chunk):
             more = next(rest, None)
             if more is None:
-                raise InputError("diagnostics: fewer rows than the tracks have", id="incompatible-inputs")
+                raise InputError(
+                    "diagnostics: fewer rows than the tracks; give those that were written along with these tracks",
+                    id="incompatible-inputs",
+                )
             held = Diagnostics.concat([held, more])
         yield replace(held.take(slice(0, len(chunk))), t_ns=chunk.t_ns)
         held = held.take(slice(len(chunk), None))

@@ -103,7 +103,9 @@ class IngestRequest(Request):
         shown="",
     )
     scene: Path | None = source(
-        "Scene with room, occluders, arrays, and cameras that the calibration lacks.", there=False, scene=True
+        "Scene with room, occluders, arrays and further cameras; one that the calibration has too is refused.",
+        there=False,
+        scene=True,
     )
     arrays: tuple[str, ...] = _several(
         "Positions of direction finders, or of the microphones of one array.", "--arrays", "[NAME=]FILE"

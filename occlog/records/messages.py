@@ -522,8 +522,8 @@ VERDICT: dict[str, Message] = {
     "view-ends-early": Message(N, "view {sensors} ends {early_s:.3g} s before the others, after {frames} frames"),
     "fundamental-misfit": Message(
         W,
-        "views {sensors}: the fundamental matrix does not fit: {share:.0%} of {checks} loop checks fail "
-        "(median {median_px:.0f} px)",
+        "views {sensors}: the fundamental matrix does not fit: in {share:.0%} of {checks} checks a target is off its "
+        "epipolar line (median {median_px:.0f} px)",
         "give another ({option[fundamental]})",
     ),
     "ground-single-view": Message(N, "{count} of {rows} positions are from a single view, at half a person's height"),
@@ -785,16 +785,16 @@ VERDICT: dict[str, Message] = {
     ),
     "group-without-tracks": Message(N, "{file}: contains no people"),
     "group-times-disjoint": Message(
-        W, "{file}: has no time in common with the tracks of the files before it", "check its clock"
+        W, "{file}: has no time in common with the tracks of the camera groups given before it", "check its clock"
     ),
     "group-without-common-targets": Message(
         W,
-        "{file}: no person matches the tracks of the files before it, in {steps} time steps",
+        "{file}: no person matches the tracks of the camera groups given before it, in {steps} time steps",
         "if they see the same positions, check poses and clocks",
     ),
     "group-misaligned": Message(
         W,
-        "{file}: {offset:.3g} {unit} off the tracks of the files before it (allowed: {allowed:.3g} {unit})",
+        "{file}: tracks are {offset:.3g} {unit} off those of the camera groups given before it (allowed: {allowed:.3g} {unit})",
         "check poses and clocks",
     ),
     "recording-not-plausible": Message(W, "{recording}: {warning}", "see its warnings in the table of runs"),

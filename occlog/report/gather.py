@@ -679,7 +679,7 @@ class _Reading:
         self._figures |= {"bound": against_bound, "bound_so_far": drawn[1].values((2,))}
 
     def _read_events(self) -> None:
-        """Read the events: downsample them, and count them by kind."""
+        """Read the table of track events: keep a sample of its rows for the page, and count all by kind."""
         given: StreamedTable[Events] | None = self._open("events", Events)
         if given is None:
             return

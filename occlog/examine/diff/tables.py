@@ -54,7 +54,8 @@ def _check_kinds(a: Path, b: Path, settings: DiffSettings) -> None:
             f"{a} holds {stated_a['schema']} and {b} holds {stated_b['schema']}; give two tables of one kind",
             id="incompatible-inputs",
         )
-    _check_named(stated_a["schema"], [c["name"] for c in stated_a["columns"]], settings)
+    names = dict.fromkeys(c["name"] for stated in (stated_a, stated_b) for c in stated["columns"])
+    _check_named(stated_a["schema"], list(names), settings)
 
 
 def _check_named(table: str, names: list[str], settings: DiffSettings) -> None:
@@ -74,7 +75,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
         b: second table.
         name: of the files in the result.
         settings: tolerances.
-        alone: tolerances of columns that neither table has are an error.
+        alone: these two files are all that is compared, so that a tolerance of a column that neither has is an error.
     """
     first, second = (b, a) if b.foreign is None else (a, b)
     kind = TABLES[first.table]
@@ -85,7 +86,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
         check_unit(each, unit, source, InputError)
     names_a, names_b = _columns(a, table), _columns(b, table)
     if alone:
-        _check_named(table.NAME, names_a, settings)
+        _check_named(table.NAME, list(dict.fromkeys([*names_a, *names_b])), settings)
     schema = [RowDifference("schema", name, {}, each, a="column") for each in names_a if each not in names_b]
     schema += [RowDifference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
     both = frozenset(names_a) & frozenset(names_b)

@@ -83,8 +83,8 @@ def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
 def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
     """(rows, H) standard normal draws for L = `particles`, H = ceil(L / 2): antithetic variates.
 
-    Each draw is used for two particles, with opposite signs. Each particle has the right distribution, and the mean of
-    the noise is exactly 0.
+    Particle l < H takes draw l, particle H + l its negative; each particle has the right distribution. The mean of the
+    noise is exactly 0 if L is even; otherwise one draw has no opposite.
     """
     return rng.standard_normal((rows, (particles + 1) // 2))
 

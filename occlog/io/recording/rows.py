@@ -139,8 +139,8 @@ class RowCollector(Generic[T]):
         self.rows += n
         if self.rows > MAX_ROWS_AT_ONCE:
             raise InputError(
-                f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time, up to "
-                f"{time_words(message.t_ns)}; this many are not held at once",
+                f"{self._source}: topic {topic}: more than {MAX_ROWS_AT_ONCE} rows of one time "
+                f"({time_words(message.t_ns)}), too many to hold at once; check the times of its rows",
                 id="input-too-large",
             )
         for name, values in given.items():

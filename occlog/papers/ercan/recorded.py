@@ -325,7 +325,11 @@ def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Boo
 
 
 def crowd_of(recorded: Recorded, seed: int) -> VirtualCrowd:
-    """Draw the virtual people of a seed, the same for all settings, and drop the detections that they hide."""
+    """Return virtual people drawn with a seed, the same for all settings, and what they change in the recording.
+
+    That is the mask of the detections that they hide, the bearings with these marked as not seen, and the priors of the
+    people by kind.
+    """
     people = occluders_of(recorded, seed)
     gone = hidden(recorded, people)
     priors = {

@@ -250,9 +250,9 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
     try:
         identity, position, views = person["personID"], person["positionID"], person["views"]
         found = {view["viewNum"]: [view[edge] for edge in EDGES] for view in views}
-    except (TypeError, KeyError) as error:
+    except (TypeError, KeyError):
         raise InputError(
-            f"{where}: has no {error}; expected personID, positionID and views with {', '.join(EDGES)}",
+            f"{where}: expected personID, positionID and views with viewNum, {', '.join(EDGES)}",
             id="unknown-format",
         ) from None
     numbers = [identity, position, *found, *(edge for edges in found.values() for edge in edges)]

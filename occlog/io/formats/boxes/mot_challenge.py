@@ -173,7 +173,7 @@ _NAME = re.compile(r"^[^\s/\\,:]{1,64}$")
 
 
 class MotSequence(NamedTuple):
-    """Frames of one camera; `info.name` names the sequence."""
+    """True boxes and tracks of one camera as a sequence of MOTChallenge; `info.name` names it."""
 
     info: SequenceInfo
     truth: TruthBoxes

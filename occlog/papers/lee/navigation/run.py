@@ -133,7 +133,10 @@ def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object],
     UsageError for a start delay without people; InputError if the robot does not fit at start or goal.
     """
     if request.start_delay_s and request.obstacles is None:
-        raise UsageError(f"{option('start_delay')} is a time of {option('obstacles')}; add them", id="missing-option")
+        raise UsageError(
+            f"{option('start_delay')} counts from the first row of {option('obstacles')}; give that too",
+            id="missing-option",
+        )
     discs = tuple(map(disc_of, request.disc_obstacles))
     scene = load_scene(request.scene, None, request.scene)
     config = configure(NavigateConfig.in_unit(scene.length_unit), request.settings)

@@ -56,7 +56,7 @@ class ScanDirections(NamedTuple):
 
 
 def pack_ears(scene: Scene) -> ArrayGeometry:
-    """Return positions, rotations and ranges of all sensors as arrays."""
+    """Return positions, rotations (identity for cameras), ranges and pose errors of all sensors, cameras before arrays."""
     cameras, arrays = scene.cameras, scene.arrays
     eye = np.eye(3)
     return ArrayGeometry(

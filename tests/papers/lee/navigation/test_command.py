@@ -138,7 +138,11 @@ def test_people_of_a_recording_are_avoided_from_a_later_time_on(tmp_path: Path, 
         (["--from", "1", "--to", "7,3"], 2, "--from 1: must be 2 numbers"),
         (["--from", "1,nan", "--to", "7,3"], 2, "finite"),
         (["--from", "1,1", "--to", "7,3", "--obstacle", "2,2,-1"], 2, "the radius must be at least 0"),
-        (["--from", "1,1", "--to", "7,3", "--start-delay", "3"], 2, "--start-delay is a time of --obstacles"),
+        (
+            ["--from", "1,1", "--to", "7,3", "--start-delay", "3"],
+            2,
+            "--start-delay counts from the first row of --obstacles",
+        ),
         (["--from", "1,1", "--to", "7,3", "--obstacles", str(PLANE)], 4, "navigation.yaml"),
     ],
 )

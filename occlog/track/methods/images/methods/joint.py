@@ -57,7 +57,9 @@ class ViewSamples(NamedTuple):
 def joint_samples(
     state: VisualState, config: McmcConfig, frames: FrameSet, arrival: FrameContext, rng: Generator
 ) -> TrackerParticles:
-    """Move, weigh and resample the targets of each view jointly, by the sampler of the settings.
+    """Return particles and estimates after a frame; the targets of each view are sampled jointly.
+
+    The sampler (`config.sampler`) is a Markov chain (`mcmc`), or draws, weights and resampling (`sir`).
 
     Args:
         state: trackers before the frame.

@@ -116,7 +116,10 @@ def _log_likelihood(model: PathLoss, tag: TagWindows) -> float:
 def choose_range(
     model: PathLoss, sequences: Sequence[TagWindows], ranges: Sequence[float], room: Floats | None
 ) -> Coverage:
-    """Choose the range with the least RMS error of the virtual sensors over windows with true positions.
+    """Choose the reading range with the least RMS error of positions by virtual sensors.
+
+    A virtual sensor is a region of the floor that exactly the same readers cover. Returns the range, the probabilities
+    of detection in range and out of it, and the RMS error over windows with true positions.
 
     A reader detects a tag with a mean strength of at least that expected at the range.  The probabilities that it does
     so in range and out of it are shares over the windows (each with one success and one failure more, so that none
