@@ -770,6 +770,11 @@ VERDICT: dict[str, Message] = {
         "exchanged",
         "check the order of the channels",
     ),
+    "array-size-implausible": Message(
+        W,
+        "array {sensors}: delays of sound are {share:.2g} times the longest that microphones and sampling rate permit",
+        "check the unit of the microphones (m) and the rate of the file",
+    ),
     "clipped": Message(
         N,
         "array {sensors}: microphone {microphones} is at full scale in {share:.1%} of the samples (noted from "
