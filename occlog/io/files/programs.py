@@ -50,7 +50,11 @@ PROGRAMS = (
         begin=_JSON,
     ),
     _program(
-        "keypoints", "write CSV: frame,left,top,width,height", rb'"keypoints"', rb'"(?:idx|box|center)"', begin=_JSON
+        "JSON of keypoints",
+        "write CSV: frame,left,top,width,height",
+        rb'"keypoints"',
+        rb'"(?:idx|box|center)"',
+        begin=_JSON,
     ),
     _program("a camera file of CMU Panoptic", CAMERAS, rb'"cameras"', rb'"distCoef"', begin=_JSON),
     _program("a scene of Meshroom", CAMERAS, rb'"(?:views|intrinsics)"', rb'"intrinsicId"', begin=_JSON),

@@ -81,6 +81,16 @@ def test_every_kind_of_input_names_the_program(
     assert name in capsys.readouterr().err
 
 
+def test_folders_with_a_file_for_each_frame_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "cam").mkdir()
+    (tmp_path / "cam" / "000001.xml").write_text(NOT_READ["Pascal VOC"])
+    for given in (tmp_path, f"cam={tmp_path / 'cam'}"):
+        assert (
+            run(["ingest", "-o", str(tmp_path / "o.mcap"), "--boxes", str(given), "--fps", "10"]) == ExitCode.BAD_INPUT
+        )
+        assert "Pascal VOC" in capsys.readouterr().err
+
+
 def test_a_calibration_of_a_program_that_is_not_read_is_named(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text(NOT_READ["Panoptic"])
     with pytest.raises(InputError, match="Panoptic") as caught:
