@@ -620,6 +620,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
         "split it there, and ingest each with its own times",
     ),
+    "boxes-counter-restart": Message(
+        W,
+        "camera {sensors}: line {line}: frame {after} after {before}: a counter of {bits} bits began again",
+        "add {count} to the frames from there on",
+    ),
     "boxes-corners": Message(
         W,
         "camera {sensors}: sizes of boxes seem to be right and lower edges (xyxy in place of xywh): {share:.0%} "

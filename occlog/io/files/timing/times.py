@@ -51,6 +51,9 @@ _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
 _BESIDE = ("sync_index",)
+_IMAGE = re.compile(r"\.(png|jpe?g|bmp|tiff?|pgm|webp)$", re.IGNORECASE)
+NS_DIGITS = 18
+"""Digits of a time since 1970 in ns, at least."""
 _ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?$")
 _DATE = r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}"
 _TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
@@ -59,6 +62,7 @@ _OTHERWISE = (
     (r"[+-]?\d+,\d{1,2}|[+-]?\d+,\d{4,}", "has a decimal comma; write it with a point"),
     (r"[+-]?\d{1,3}(?:[, '\u00a0\u202f]\d{3})+(?:\.\d*)?", "has separators of thousands; write digits alone"),
     (_TIME_OF_DAY + r"\s*([AaPp][Mm])?", f"is a time of day without its date; write {_FORM}"),
+    (r"\d{1,2}:\d\d:\d\d[:;]\d\d", "is a timecode; write seconds, or give frames and a frame rate"),
     (_DATE + r"[T ]+" + _TIME_OF_DAY + r"\s*([AaPp][Mm])", f"has hours of 12; write {_FORM}"),
     (
         r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*[A-Za-z][A-Za-z/_]+",
@@ -324,6 +328,10 @@ def is_header_line(path: Path) -> bool:
 
 
 def _named(rows: CsvRows) -> CsvRows:
+    cells = list(rows.cells.values())
+    if len(cells) == 2 and all(_IMAGE.search(str(cell)) for cell in cells[1]):  # as in data sets of EuRoC and TUM
+        unit = "ns" if all(len(str(cell)) >= NS_DIGITS and str(cell).isdecimal() for cell in cells[0]) else "s"
+        return CsvRows(rows.path, rows.lines, {unit: cells[0]})
     columns = {1: ("s",), 2: ("frame", "s")}.get(len(rows.cells))
     if columns is None:
         raise InputError(
