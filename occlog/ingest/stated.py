@@ -74,11 +74,19 @@ def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
 def _restarts(survey: BoxSurvey) -> Iterator[Check]:
     """Report cameras with frame numbers that restart, as in two joined files."""
     for name, (line, before, after) in survey.restarts.items():
-        figures = {"line": line, "before": before, "after": after}
         if bits := counter_bits(before, after):
-            yield finding(ENDS, "boxes-counter-restart", sensors=[name], **figures, bits=bits, count=2**bits)
+            yield finding(
+                ENDS,
+                "boxes-counter-restart",
+                sensors=[name],
+                line=line,
+                before=before,
+                after=after,
+                bits=bits,
+                count=2**bits,
+            )
         else:
-            yield finding(ENDS, "boxes-restart", sensors=[name], **figures)
+            yield finding(ENDS, "boxes-restart", sensors=[name], line=line, before=before, after=after)
 
 
 def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:

@@ -118,7 +118,8 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
             raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it", id="missing-column")
         label = label or (str(rows.cells["sensor"][0]) if rows.has("sensor") else "")
         t_ns, sensor = part.times(), _sensors(rows, options, label)
-        check_unit(rows, np.diff(np.unique(t_ns)) / NS)
+        steps: Floats = np.diff(np.unique(t_ns)).astype(np.float64) / NS
+        check_unit(rows, steps)
         names, count = names | set(sensor.tolist()), count + len(rows)
         widest = max(widest, math.degrees(float(np.abs(azimuth).max(initial=0.0))))
         yield DoaRows(
