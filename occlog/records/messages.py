@@ -778,7 +778,7 @@ VERDICT: dict[str, Message] = {
     "array-size-implausible": Message(
         W,
         "array {sensors}: delays of sound are {share:.2g} times the longest that microphones and sampling rate permit",
-        "check the unit of the microphones (m) and the rate of the file",
+        "check the unit of microphones and the rate of the file",
     ),
     "clipped": Message(
         N,
