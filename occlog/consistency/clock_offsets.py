@@ -9,6 +9,11 @@ CLOCKS = (
     ("leap seconds of GPS", 18.0, 18.0),
     ("GPS time", 315_964_782.0, 315_964_800.0),
     ("GPS weeks from 0 again", 619_315_200.0, 619_315_200.0),
+    ("times since 2001, as of macOS", 978_307_200.0, 978_307_200.0),
+    ("times since 1904, as of LabVIEW", 2_082_844_800.0, 2_082_844_800.0),
+    ("times since 1900, as of NTP", 2_208_988_800.0, 2_208_988_800.0),
+    ("times since 1601, as of Windows", 11_644_473_600.0, 11_644_473_600.0),
+    ("times since year 1, as of .NET", 62_135_596_800.0, 62_135_596_800.0),
 )
 """Clocks, and by how much they differ from UTC [s]; the leap seconds are those since 2017."""
 ZONE_S, MAX_ZONES, MIN_EPOCH_S = 900.0, 56, 3e7

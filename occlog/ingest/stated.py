@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from occlog.array_types import NS
-from occlog.io.formats.boxes.reader import BoxSurvey
+from occlog.io.formats.boxes.reader import BoxSurvey, counter_bits
 from occlog.io.frames.camera_source import CameraSource
 from occlog.records.verdicts import Check, finding, outcome
 
@@ -86,7 +86,19 @@ def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
 def _restarts(survey: BoxSurvey) -> Iterator[Check]:
     """Report cameras with frame numbers that restart, as in two joined files."""
     for name, (line, before, after) in survey.restarts.items():
-        yield finding(ENDS, "boxes-restart", sensors=[name], line=line, before=before, after=after)
+        if bits := counter_bits(before, after):
+            yield finding(
+                ENDS,
+                "boxes-counter-restart",
+                sensors=[name],
+                line=line,
+                before=before,
+                after=after,
+                bits=bits,
+                count=2**bits,
+            )
+        else:
+            yield finding(ENDS, "boxes-restart", sensors=[name], line=line, before=before, after=after)
 
 
 def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> Iterator[Check]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 from occlog.console.notes import log_detail
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
 from occlog.io.files.input_units import STATED
-from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, Content, content_of, describe_unsupported
+from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, Content, content_of, describe_unsupported, holds_text
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
 from occlog.records.columns import LENGTHS, ColumnTable
@@ -184,6 +184,12 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
             raise InputError(
                 f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`",
                 id="wrong-content",
+            )
+        if path.suffix.lower() not in (RECORDING_SUFFIX, ".parquet") and holds_text(path):
+            raise InputError(
+                f"{path}: is text without a line of names of columns, one of them of times; begin it with a header, as "
+                "time,id,x,y",
+                id="unknown-format",
             )
         # The reader of the kind that the name states explains the fault of the content
         opened = _recording(path) if is_recording_name(path) else _table(path)

@@ -619,6 +619,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: line {line}: frames begin again ({after} after {before}): two recordings in one file",
         "split it there, and ingest each with its own times",
     ),
+    "boxes-counter-restart": Message(
+        W,
+        "camera {sensors}: line {line}: frame {after} after {before}: a counter of {bits} bits began again",
+        "add {count} to the frames from there on",
+    ),
     "boxes-corners": Message(
         W,
         "camera {sensors}: sizes of boxes seem to be right and lower edges (xyxy in place of xywh): {share:.0%} "
@@ -768,6 +773,11 @@ VERDICT: dict[str, Message] = {
         "array {sensors}: delays are {misfit:.2g} samples off a plane wave, and fit one with microphones {microphones} "
         "exchanged",
         "check the order of the channels",
+    ),
+    "array-size-implausible": Message(
+        W,
+        "array {sensors}: delays of sound are {share:.2g} times the longest that microphones and sampling rate permit",
+        "check the unit of microphones and the rate of the file",
     ),
     "clipped": Message(
         N,

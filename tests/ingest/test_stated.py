@@ -138,3 +138,19 @@ def test_frames_that_begin_again_within_a_file_are_named(tmp_path: Path) -> None
     }
     path.write_text("".join([rows[0], *rows[20:], *rows[1:20]]))  # in another order
     assert ingest(tmp_path, *given) == {}
+
+
+@pytest.mark.parametrize("identities", [False, True])
+def test_a_counter_of_frames_that_begins_again_is_named(tmp_path: Path, identities: bool) -> None:
+    """65,336 frames without a detection were invented between the two parts, without a word."""
+    path = tmp_path / "a.csv"
+    numbers = [(k + 65_516) % 65_536 for k in range(40)]
+    rows = "".join(f"{k},20,20,40,90{',3' * identities}\n" for k in numbers)
+    path.write_text(f"frame,left,top,width,height{',id' * identities}\n{rows}")
+    found = ingest(tmp_path, "--boxes", f"a={path}", "--fps", "10")["boxes-counter-restart"]
+    assert {k: found.figures[k] for k in ("line", "before", "after", "bits")} == {
+        "line": 22,
+        "before": 65_535,
+        "after": 0,
+        "bits": 16,
+    }

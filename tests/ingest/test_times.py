@@ -49,7 +49,13 @@ def test_a_sensor_of_another_time_is_named() -> None:
 
 @pytest.mark.parametrize(
     ("offset_s", "cause"),
-    [(37.0, "TAI"), (-315_964_782.0, "GPS time"), (7200.0, "a time zone"), (-1.7e9, "times since a start")],
+    [
+        (37.0, "TAI"),
+        (-315_964_782.0, "GPS time"),
+        (7200.0, "a time zone"),
+        (-1.7e9, "times since a start"),
+        (2_208_988_800.0, "times since 1900, as of NTP"),
+    ],
 )
 def test_a_known_difference_of_clocks_is_named_with_its_size(offset_s: float, cause: str) -> None:
     here = TimeSpanNs(1_700_000_000 * NS, 1_700_000_020 * NS)

@@ -39,7 +39,7 @@ HALF_STEP_NS = NS // 10
 """Velocities of targets are differences of positions this time before and after."""
 
 DAY_S, MAX_DAYS = 86_400.0, 2.0
-DAYS = {"Excel": 25_569.0, "MATLAB": 719_529.0}
+DAYS = {"Excel": 25_569.0, "MATLAB": 719_529.0, "Julian dates": 2_440_587.5, "modified Julian dates": 40_587.0}
 """Day 0 of Unix time in serial days of programs."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -286,6 +287,10 @@ def fields_of(table: type[ColumnTable]) -> frozenset[str]:
     return frozenset(c.name for c in table.columns())
 
 
+_OF_A_TARGET = re.compile(r"x_?\d+(?:_m|_mm|_cm)?")
+"""Name of a column of the positions of one of several targets."""
+
+
 def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> TableLayout:
     """Layout of the table, among several, that uses most columns of a file.
 
@@ -296,6 +301,12 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
     Raises:
         InputError: it fits none; the message lists the missing columns of the nearest.
     """
+    if sum(_OF_A_TARGET.fullmatch(name.lower()) is not None for name in source.names) > 2:
+        raise InputError(
+            f"{source.path}: has columns for each target ({', '.join(source.names)[:60]}); write a row for each: "
+            "time,id,x,y",
+            id="unknown-format",
+        )
     wanted = tuple(tables) or _every_table()
     declared = TABLES.get(source.table)
     if declared is not None and (not tables or declared in wanted):

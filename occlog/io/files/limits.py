@@ -16,12 +16,23 @@ from pathlib import Path
 
 from occlog.errors import InputError
 
+from .programs import START, describe_program
+
 STANDARD_INPUT = "-"
 """Name of the file that holds the content of standard input."""
 
 FOREIGN_BAG = "of a bag of another program `occlog ingest` makes a recording"
 """Remedy for a bag where a recording was expected."""
 
+
+_IN_FOLDERS = (
+    ("*.mcap", f"; {FOREIGN_BAG}"),
+    ("*.db3", f"; {FOREIGN_BAG}"),
+    ("_delta_log", "; of a table of Delta Lake write the current version as one file"),
+    ("metadata/*.avro", "; of a table of Iceberg write the current version as one file"),
+    ("*.csv", "; name one file, and join tables in several files"),
+)
+"""What a folder holds that is given for a file, and what to do."""
 
 _KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -49,8 +60,7 @@ def check_input(path: Path, what: str) -> Path:
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            bag = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
-            hint = f"; {FOREIGN_BAG}" if bag else ""
+            hint = next((words for pattern, words in _IN_FOLDERS if any(path.glob(pattern))), "")
             raise InputError(f"{path}: is a folder; {what} was expected{hint}", id="not-a-file")
         check_regular(path, status.st_mode, what)
         with path.open("rb"):
@@ -147,13 +157,26 @@ def describe_unsupported(path: Path, *, yaml: bool = False) -> str | None:
         yaml: YAML was expected, of which JSON is a part.
     """
     with path.open("rb") as file:
-        head = file.read(ODAS_BYTES)
-    if is_odas(head):
+        head = file.read(START)
+    if (program := describe_program(head)) is not None:
+        return program.removeprefix("is ")
+    if is_odas(head[:ODAS_BYTES]):
         return ODAS_BY_INGEST.format(name=path.name)
     found = next((words for offset, mark, words in _OTHERS if head[offset:].startswith(mark)), None)
     if not yaml and head[:1] in (b"{", b"["):
         found = f"JSON; {JSON_BY_INGEST}"
     return None if found is None else found.replace("{name}", path.name)
+
+
+def holds_text(path: Path) -> bool:
+    """Whether the first bytes of a file are text in UTF-8."""
+    with path.open("rb") as file:
+        head = file.read(START)
+    try:
+        head.decode()
+    except UnicodeDecodeError as error:
+        return len(head) == START and error.start > START - 4
+    return b"\0" not in head
 
 
 def content_of(path: Path, what: str = EXPECTED) -> Content:

@@ -57,14 +57,15 @@ def check_output_name(path: Path, ending: str) -> None:
 def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "camera") -> str:
     """Return the name, of those in use (`names`), that a file means by `given`.
 
-    It is the equal name, or else the only one with the same last number: `2`,
-    `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states the kind of thing named,
-    `where` the file.
+    It is the equal name, else the only one that is equal but for the case of letters, else the only one with the same
+    last number: `2`, `cam_2` and `cam02` mean each other.  InputError if missing, or several; `what` states the kind of
+    thing named, `where` the file.
     """
     if given in names:
         return given
     number = _last_number(given)
-    same = [name for name in names if number is not None and _last_number(name) == number]
+    same = [name for name in names if name.lower() == given.lower()]
+    same = same or [name for name in names if number is not None and _last_number(name) == number]
     if len(same) == 1:
         return same[0]
     found = f"may be any of {', '.join(same)}" if same else f"is none of {', '.join(names) or f'the {what}s (none)'}"
@@ -92,7 +93,9 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
 def means_none(given: str, names: Sequence[str]) -> bool:
     """Whether no name in use matches `given` by the rules of `match_sensor`."""
     number = _last_number(given)
-    return given not in names and (number is None or all(_last_number(name) != number for name in names))
+    return not any(
+        name.lower() == given.lower() or (number is not None and _last_number(name) == number) for name in names
+    )
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:

@@ -31,6 +31,8 @@ from .limits import MAX_PIXELS
 
 MAX_STRETCHES = 20
 """Lost sections listed one by one; the rest is added up in one line."""
+NO_DECODER = ("hardware accelerated AV1", "No decoder", "no decoder")
+"""What the decoder states of a video that is whole, for a codec that OpenCV was built without."""
 ESTIMATE_SLACK = 0.02
 """Relative error allowed to a frame count that is only the container's estimate."""
 
@@ -303,9 +305,11 @@ def _describe(
         raise InputError(f"{path}: {_remedied(path, unconverted)}", id="damaged-file")
     if first is None or image is None:
         decoder = f"; the decoder states: {heard[0]}" if heard else ""
+        lacking = any(words in text for text in heard for words in NO_DECODER)
+        remedy = f"convert it: {_conversion(path)}" if lacking else "copy or repair the file"
         raise InputError(
-            f"{path}: not one frame can be decoded{_faults(container)}{decoder}; copy or repair the file",
-            id="damaged-file",
+            f"{path}: not one frame can be decoded{_faults(container)}{decoder}; {remedy}",
+            id="unsupported-format" if lacking else "damaged-file",
         )
     size = (image.shape[1], image.shape[0])
     rate_hz = rate if 1e-6 < rate <= 1e6 else None
@@ -332,13 +336,16 @@ def _describe(
 
 def _remedied(path: Path, what: str) -> str:
     """Reason why the decoder failed to convert a video, with a command that converts it; `what` is FFmpeg's message."""
-    interlaced = "interlaced" in what.lower()
-    made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
-    deinterlace = "-vf bwdif=send_frame " if interlaced else ""
-    command = f"ffmpeg -i {shlex.quote(str(path))} {deinterlace}-an -c:v libx264 -crf 12 {made}"
-    if interlaced:
+    if "interlaced" in what.lower():
+        command = _conversion(path, "-vf bwdif=send_frame ")
         return f"it is interlaced, of which OpenCV makes no pictures; deinterlace it: {command}"
-    return f"OpenCV makes no pictures of it ({what}); convert it: {command}"
+    return f"OpenCV makes no pictures of it ({what}); convert it: {_conversion(path)}"
+
+
+def _conversion(path: Path, filters: str = "") -> str:
+    """Command that converts a video to H.264."""
+    made = shlex.quote(str(path.with_name(f"{path.stem}-converted.mp4")))
+    return f"ffmpeg -i {shlex.quote(str(path))} {filters}-an -c:v libx264 -crf 12 {made}"
 
 
 def _orientation(capture: cv2.VideoCapture, container: Container | None) -> Facts:

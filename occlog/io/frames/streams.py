@@ -33,6 +33,8 @@ from .codec import decode_image
 from .decode import Picture
 
 STAMPS = "container time stamps"
+STREAM_MARKS = (b"\0\0\0\1", b"\xff\xd8\xff")
+"""First bytes of pictures without a container, which have no times: H.264 and H.265 (Annex B), motion JPEG."""
 
 
 def sidecar_times(table_ns: Ints, name: str, start_ns: int = 0) -> FrameTimes:
@@ -74,12 +76,18 @@ def video_times(
         time stamps: containers other than MP4, MKV and AVI, and damaged ones.
 
     Raises:
-        InputError: the file cannot be read, or its time stamps repeat and it states no frame rate.
+        InputError: the file cannot be read, has no container, or its time stamps repeat and it states no frame rate.
     """
     container = read_container(path)
     if fps is not None:
         return rate_times(fps, "given", start_ns, None if container is None else container.steps)
     if container is None:
+        with path.open("rb") as file:
+            if file.read(len(STREAM_MARKS[0])).startswith(STREAM_MARKS):
+                raise InputError(
+                    f"{path}: its pictures are in no container, and have no times; give {option('fps')}",
+                    id="missing-times",
+                )
         return FrameTimes(STAMPS, start_ns)
     if container.stamped and _plausible(container):
         return FrameTimes(STAMPS, start_ns, container.pts_ns)

@@ -18,6 +18,7 @@ from .stage import DoaTally
 TOGETHER = "common start of the channels"
 RELATED, SIGNS, ORDER = "common sound of the channels", "signs of the channels", "order of the channels"
 SOUND, SCALE, APART, HEARD = "microphone levels", "clipping", "distinct microphones", "directions"
+SPAN = "size of the array"
 """Names of checks."""
 SILENT = 0.01
 """A microphone with less than this share of the usual level of its array has none: 40 dB below."""
@@ -48,6 +49,11 @@ MIN_MISFIT, MIN_GAIN = 0.15, 5.0
 large, and this many times as large as with the exchange."""
 MIN_SHARE, MIN_FRAMES = 0.75, 3
 """Share of the frames in which one exchange explains the delays, and least number of them, to be stated."""
+LEAST_SLOWNESS, MOST_SLOWNESS, MIN_EXCESS = 0.05, 1.3, 0.5
+"""Bounds of the share of the longest delays that positions and rate permit, and delay beyond it [samples] to be stated.
+A share below the first is that of sound from straight above an array of 3 degrees."""
+SEARCHED = 4.0
+"""Multiple of the longest possible delays within which those of another rate or unit are sought."""
 
 
 class ChannelLags:
@@ -145,6 +151,29 @@ class ChannelLags:
         explained = (found[:, :1] > MIN_MISFIT) & (found[:, :1] > MIN_GAIN * found[:, 1:])
         named = [pairs[k] for k in np.flatnonzero(explained.mean(axis=0) >= MIN_SHARE).tolist()]
         return Exchange(tuple(named), float(np.median(found[:, 0]))) if named else None
+
+    def slowness(self, microphones: Floats, rate: float) -> float | None:
+        """Delays of the fitted plane wave as a share of the longest possible ones; see `late` for the arguments.
+
+        Median over the frames; None if it is possible, or the delays of most frames are not those of a plane wave.
+        """
+        pairs = list(combinations(range(len(microphones)), 2))
+        apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs]).reshape(-1, 3)
+        if np.linalg.matrix_rank(apart, tol=1e-3 * np.abs(apart).max(initial=1e-30)) < 2:
+            return None
+        fit, residual = np.linalg.pinv(apart, rcond=1e-3), _residual_maker(microphones, pairs)
+        longest, shares = float(np.linalg.norm(apart, axis=1).max()) * rate, []
+        for frame in self._frames:
+            near = [self._within(i, j, SEARCHED * microphones, rate, FRAME) for i, j in pairs]
+            lags = np.array([_delay(frame[i, j], near[n]) for n, (i, j) in enumerate(pairs)])
+            misfit = float(np.sqrt(np.mean((residual @ lags) ** 2)))
+            if misfit <= max(MIN_MISFIT, 0.1 * float(np.sqrt(np.mean(lags**2)))):
+                shares.append(float(np.linalg.norm(fit @ lags)) / rate)
+        if len(shares) < max(MIN_FRAMES, MIN_SHARE * len(self._frames)):
+            return None
+        low, usual = float(np.quantile(shares, 1.0 - MIN_SHARE)), float(np.median(shares))
+        large = low > MOST_SLOWNESS and (low - 1.0) * longest > MIN_EXCESS
+        return usual if large or max(shares) < LEAST_SLOWNESS else None
 
     def _within(self, i: int, j: int, microphones: Floats, rate: float, size: int = BLOCK) -> Bools:
         """(size,) mask of lags, in the order of an FFT, that are possible for the distance of microphones i and j.
@@ -320,6 +349,13 @@ class Channels:
         found = None if self.unrelated() else self._lags.exchanged(self._microphones, self._rate)
         return None if found is None else found._replace(pairs=tuple((i + 1, j + 1) for i, j in found.pairs))
 
+    def slowness(self) -> float | None:
+        """Share of the longest possible delays that those of plane waves have, if it is implausible."""
+        if self._microphones is None or self.silent() or self.alike():
+            return None
+        self._lags.finish()
+        return self._lags.slowness(self._microphones, self._rate)
+
     def late(self) -> dict[int, int]:
         """Delays of microphones [samples], by number from 1."""
         if self._microphones is None:
@@ -372,6 +408,7 @@ def checks(
         *outcome(RELATED, _unrelated(channels)),
         *outcome(SIGNS, _inverted(channels)),
         *outcome(ORDER, _exchanged(channels)),
+        *outcome(SPAN, _sizes(channels)),
         *outcome(HEARD, _nothing(tallies, rows)),
     )
 
@@ -435,6 +472,12 @@ def _exchanged(channels: Mapping[str, Channels]) -> Iterator[Check]:
         if (found := own.exchanged()) is not None:
             pairs = " or ".join(f"{i} and {j}" for i, j in found.pairs)
             yield finding(ORDER, "microphones-exchanged", sensors=[name], microphones=pairs, misfit=found.misfit)
+
+
+def _sizes(channels: Mapping[str, Channels]) -> Iterator[Check]:
+    for name, own in channels.items():
+        if (share := own.slowness()) is not None:
+            yield finding(SPAN, "array-size-implausible", sensors=[name], share=share)
 
 
 def _nothing(tallies: Mapping[str, DoaTally], rows: Mapping[str, int]) -> Iterator[Check]:

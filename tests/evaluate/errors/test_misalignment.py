@@ -194,6 +194,7 @@ UTC = 1_714_564_800.0
         (lambda t: t + UTC + 25.0, "times-shifted", "times shifted by -25 s"),
         (lambda t: (t + UTC) / 86_400.0 + 25_569.0, "times-in-days", "times as days of Excel"),
         (lambda t: (t + UTC) / 86_400.0 + 719_529.0, "times-in-days", "times as days of MATLAB"),
+        (lambda t: (t + UTC) / 86_400.0 + 2_440_587.5, "times-in-days", "times as days of Julian dates"),
     ],
 )
 def test_other_clocks_are_named(times: Any, id: str, words: str) -> None:

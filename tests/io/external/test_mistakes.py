@@ -339,3 +339,25 @@ def test_a_clock_that_was_set_back_is_stated(tmp_path: Path, capsys: pytest.Capt
     stderr = capsys.readouterr().err
     assert ("row 40: time goes back by 29.9 s" in stderr) == (kind == "set back")
     assert ("goes back" in stderr) == (kind == "set back")
+
+
+@pytest.mark.parametrize(
+    ("column", "count", "words"), [("t_ms", 2**32, "32 bits in ms"), ("t_us", 2**32, "32 bits in us")]
+)
+def test_a_counter_that_begins_again_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], column: str, count: int, words: str
+) -> None:
+    step = 100 if column == "t_ms" else 100_000
+    rows = [f"{(count + (k - 20) * step) % count},1,{k},2" for k in range(40)]
+    path = text(tmp_path / "t.csv", f"{column},id,x,y", *rows)
+    assert run(["diff", str(path), str(path)]) == ExitCode.DONE
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("epoch", "program"), [(621_355_968, ".NET"), (116_444_736, "Windows")])
+def test_ticks_of_100_ns_are_no_nanoseconds(tmp_path: Path, epoch: int, program: str) -> None:
+    """They were read as times of 1990 and 1974 that last a hundredth."""
+    ticks = [epoch * 10**9 + (1_714_564_800 + k) * 10**7 for k in range(3)]
+    path = text(tmp_path / "t.csv", "time,id,x,y", *(f"{t},1,0,0" for t in ticks))
+    with pytest.raises(InputError, match=program):
+        open_input(path).read(Truth)

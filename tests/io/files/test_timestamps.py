@@ -68,6 +68,25 @@ def test_the_forms_of_a_sidecar(tmp_path: Path, text: str) -> None:
     assert sidecar(tmp_path, text) == {"cam1": [500_000_000, 750_000_000, 1_500_000_000]}
 
 
+@pytest.mark.parametrize(
+    ("form", "scale"),
+    [("{t},{t}.png", 10**9), ("{t}.000000 rgb/{t}.png", 1)],
+)
+def test_lists_of_images_with_their_times_are_sidecars(tmp_path: Path, form: str, scale: int) -> None:
+    """EuRoC's data.csv and TUM's rgb.txt; names of images were taken for times."""
+    path = tmp_path / "list.txt"
+    times = [1_714_564_800 + k for k in range(3)]
+    path.write_text("# timestamp filename\n" + "".join(form.format(t=t * scale) + "\n" for t in times))
+    assert read_sidecar(path, ["cam"])["cam"].tolist() == [t * 10**9 for t in times]
+
+
+def test_a_timecode_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "times.txt"
+    path.write_text("00:00:00:00\n00:00:00:01\n")
+    with pytest.raises(InputError, match="timecode"):
+        read_sidecar(path, ["cam"])
+
+
 def test_one_file_for_several_cameras(tmp_path: Path) -> None:
     text = "sync_index,cam_id,frame_time\n0,2,0.1\n0,1,0.2\n1,2,0.4\n1,9,0.4\n1,1,0.3\n"
     assert sidecar(tmp_path, text, ("cam_1", "cam_02")) == {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.io.files.names import match_sensor, natural_sorted, safe_name
+from occlog.io.files.names import match_sensor, means_none, natural_sorted, safe_name
 from occlog.io.frames.codec import dark_bars, decode_image, encode_image, image_damage, image_size
 from occlog.io.frames.streams import read_folders
 
@@ -90,6 +90,9 @@ def test_names_of_sensors_match_by_their_last_number() -> None:
     assert match_sensor("2", ["cam_1", "cam_2"], "x") == "cam_2"
     assert match_sensor("cam02", ["cam1", "cam2"], "x") == "cam2"
     assert match_sensor("left", ["left", "right"], "x") == "left"
+    assert match_sensor("LEFT", ["Left", "Right"], "x") == "Left"
+    assert not means_none("LEFT", ["Left", "Right"])
+    assert means_none("LEFT", ["Right", "Back"])
     with pytest.raises(InputError, match="x: camera '3' is none of cam1, cam2"):
         match_sensor("3", ["cam1", "cam2"], "x")
     with pytest.raises(InputError, match="may be any of a1, b1"):

@@ -221,3 +221,30 @@ def test_places_that_cannot_be_read(tmp_path: Path) -> None:
         read_arrays(write(tmp_path, "x,y\n1,2\n"))
     with pytest.raises(InputError, match="4 columns"):
         read_arrays(write(tmp_path, "1,2,3,4\n"))
+
+
+def test_times_in_ms_and_angles_in_radians_are_not_taken_for_seconds_and_degrees(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [(k, name, -3.0 + 0.1 * k) for k in range(30) for name in ("a1", "a2")]
+    head = "time,sensor,azimuth_deg\n"
+    with pytest.raises(InputError) as caught:
+        read(write(tmp_path, head + "".join(f"{100 * k},{name},{20 * angle}\n" for k, name, angle in rows)))
+    assert caught.value.id == "missing-unit"
+    read(write(tmp_path, head + "".join(f"{k / 10},{name},{20 * angle}\n" for k, name, angle in rows)))
+    assert "radians" not in capsys.readouterr().err
+    read(write(tmp_path, head + "".join(f"{k / 10},{name},{angle}\n" for k, name, angle in rows)))
+    assert "radians" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("", 1.0), ("_m", 1.0), ("_cm", 100.0), ("_mm", 1000.0)])
+def test_positions_of_microphones_state_their_unit(tmp_path: Path, unit: str, scale: float) -> None:
+    path = tmp_path / "mics.csv"
+    path.write_text(f"x{unit},y{unit},z{unit}\n{0.02 * scale},0,0\n0,{0.03 * scale},0\n0,0,{0.01 * scale}\n")
+    (array,) = read_arrays(path)
+    assert array.microphones is not None
+    assert np.allclose(array.microphones, np.diag([0.02, 0.03, 0.01]))
+    path.write_text("x,x_mm,y,z\n1,1,1,1\n")
+    with pytest.raises(InputError) as caught:
+        read_arrays(path)
+    assert caught.value.id == "missing-column"

@@ -12,6 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from video_samples import FRAMES, KINDS, avi, faststart, fragmented, jpeg, write_video
 
+from occlog.errors import InputError
+from occlog.io.frames.streams import video_times
 from occlog.io.video.container import Container
 from occlog.io.video.reader import read_container
 
@@ -174,3 +176,14 @@ def test_a_chunk_that_reaches_beyond_its_list_does_not_hold_the_walk(tmp_path: P
     assert found is not None
     assert found.frames == 5
     assert found.problems
+
+
+@pytest.mark.parametrize("head", [b"\0\0\0\1\x67\x42", b"\xff\xd8\xff\xe0"])
+def test_pictures_without_a_container_have_no_times(tmp_path: Path, head: bytes) -> None:
+    """FFmpeg takes 25 pictures a second for H.264 and motion JPEG that state no rate."""
+    path = tmp_path / "stream"
+    path.write_bytes(head + bytes(100))
+    with pytest.raises(InputError) as caught:
+        video_times(path, 25.0)
+    assert caught.value.id == "missing-times"
+    assert video_times(path, 25.0, fps=Fraction(10)).rate == 10

@@ -139,3 +139,13 @@ def test_a_late_microphone_of_a_short_recording_is_named() -> None:
     ((number, samples),) = watched(late).late().items()
     assert number == 4
     assert abs(samples - 256) <= 3
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("scale", "share"), [(0.5, 2.0), (1.0, None), (1.2, None), (100.0, 0.01)])
+def test_delays_that_positions_and_rate_do_not_permit_are_named(seed: int, scale: float, share: float | None) -> None:
+    """A file with half its sampling rate in the header gave a direction 90 degrees off, without a word."""
+    channels = Channels(scale * SQUARE, 16_000)
+    list(channels.watch([wave(60.0 + 7.0 * seed, seed)]))
+    found = channels.slowness()
+    assert found == (None if share is None else pytest.approx(share, rel=0.1))

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
+from occlog.io.files.programs import refuse_unread
 from occlog.io.files.timing.times import TIME_COLUMNS, parse_times, time_column
 
 from .csv_rows import CsvRows, first_line, read_rows
@@ -277,9 +278,10 @@ def recognise(formats: Mapping[str, FileFormat[R]], probe: Probe, stated: str = 
 
     Raises:
         UsageError: there is no format of the stated name.
-        InputError: the file cannot be read up to the recognition of its format.
+        InputError: the file cannot be read up to the recognition of its format, or is of a program that is not read.
     """
     if stated == "auto":
+        refuse_unread(probe.path)
         return next((name for name, each in formats.items() if each.sniff(probe)), None)
     if stated not in formats:
         raise UsageError(

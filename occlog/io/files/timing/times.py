@@ -26,6 +26,11 @@ HOUR_NS = 3600 * NS
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 LATEST_S = 10**11
 """A larger number of seconds (year 5138) is in another unit."""
+TICKS = {
+    ".NET": (6.2e17, 6.8e17, "621355968000000000"),
+    "Windows": (1.1e17, 1.7e17, "116444736000000000"),
+}
+"""Counts of 100 ns of programs in this century, which would be ns in 1973 to 1991, and that of 1970."""
 COARSEST_NS = 10**6
 """Times that are held or written to less than this (1 ms) have been rounded by whoever wrote them."""
 
@@ -46,6 +51,9 @@ _FRAME = ("frame", "frame_index", "frame_number", "index")
 _CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
 _COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
 _BESIDE = ("sync_index",)
+_IMAGE = re.compile(r"\.(png|jpe?g|bmp|tiff?|pgm|webp)$", re.IGNORECASE)
+NS_DIGITS = 18
+"""Digits of a time since 1970 in ns, at least."""
 _ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?$")
 _DATE = r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}"
 _TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?"
@@ -54,6 +62,7 @@ _OTHERWISE = (
     (r"[+-]?\d+,\d{1,2}|[+-]?\d+,\d{4,}", "has a decimal comma; write it with a point"),
     (r"[+-]?\d{1,3}(?:[, '\u00a0\u202f]\d{3})+(?:\.\d*)?", "has separators of thousands; write digits alone"),
     (_TIME_OF_DAY + r"\s*([AaPp][Mm])?", f"is a time of day without its date; write {_FORM}"),
+    (r"\d{1,2}:\d\d:\d\d[:;]\d\d", "is a timecode; write seconds, or give frames and a frame rate"),
     (_DATE + r"[T ]+" + _TIME_OF_DAY + r"\s*([AaPp][Mm])", f"has hours of 12; write {_FORM}"),
     (
         r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s*[A-Za-z][A-Za-z/_]+",
@@ -162,6 +171,12 @@ def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError
         row = int(np.argmax(sizes))
         raise fail(row, f"time {values[row]:.12g}: too large for seconds; name the column t_ms, t_us or t_ns")
     found = unit_by_size(float(sizes.max()))
+    for program, (least_ticks, most_ticks, epoch) in TICKS.items():
+        if not unit and least_ticks < sizes.min() and sizes.max() < most_ticks:
+            raise fail(
+                int(np.argmax(sizes)),
+                f"times seem to be ticks of {program} (100 ns); write t_ns, (ticks - {epoch}) x 100",
+            )
     least, most = (int(np.argmin(np.where(sizes > 0.0, sizes, np.inf))), int(np.argmax(sizes)))
     if unit_by_size(float(sizes[least])) != found:
         several = f"times {values[least]:.15g} and {values[most]:.15g} are in several units"
@@ -316,6 +331,10 @@ def is_header_line(path: Path) -> bool:
 
 
 def _named(rows: CsvRows) -> CsvRows:
+    cells = list(rows.cells.values())
+    if len(cells) == 2 and all(_IMAGE.search(str(cell)) for cell in cells[1]):  # as in data sets of EuRoC and TUM
+        unit = "ns" if all(len(str(cell)) >= NS_DIGITS and str(cell).isdecimal() for cell in cells[0]) else "s"
+        return CsvRows(rows.path, rows.lines, {unit: cells[0]})
     columns = {1: ("s",), 2: ("frame", "s")}.get(len(rows.cells))
     if columns is None:
         raise InputError(
@@ -349,6 +368,25 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
     return out
 
 
+COUNTERS = (
+    (2.0**32 * 1e-3, "a counter of 32 bits in ms"),
+    (2.0**32 * 1e-6, "a counter of 32 bits in us"),
+    (604_800.0, "a time of the week"),
+    (86_400.0, "a time of the day"),
+)
+"""Spans after which times begin again [s]."""
+MAX_STEP_S = 2.0
+"""Time from the last row before that to the first one after, at most."""
+
+
+def restart_of(fall_s: float) -> str:
+    """What begins again where times fall by so much, with the remedy; empty: no counter is known to."""
+    for span, words in COUNTERS:
+        if 0.0 <= span - fall_s <= MAX_STEP_S:
+            return f"{words} began again; add {span:.15g} s to all rows from there on"
+    return ""
+
+
 MIN_ROWS_A_RUN = 8
 """Rows from one fall of the times to the next, at least, for a clock that was set; in mean."""
 
@@ -373,11 +411,9 @@ def note_clock_set(path: Path, location: str, lines: Ints, t_ns: Ints, owners: S
     if not len(back) or len(t_ns) < MIN_ROWS_A_RUN * (len(back) + np.count_nonzero(new) + 1):
         return  # in order, or in another order than that of time
     first = back[np.argmin(lines[order][back + 1])]
-    note_once(
-        f"warning: {path}: {location} {lines[order][first + 1]}: time goes back by "
-        f"{(sorted_ns[first] - sorted_ns[first + 1]) / NS:.6g} s: a clock that was set, or two runs in one file? Rows "
-        "are sorted by time"
-    )
+    fall = float(sorted_ns[first] - sorted_ns[first + 1]) / NS
+    cause = restart_of(fall) or "a clock that was set, or two runs in one file? Rows are sorted by time"
+    note_once(f"warning: {path}: {location} {lines[order][first + 1]}: time goes back by {fall:.6g} s: {cause}")
 
 
 def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
@@ -401,7 +437,8 @@ def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
         row = int(back[0]) + 1
         verb = "repeats" if t_ns[row] == t_ns[row - 1] else "goes back"
         summer = abs(int(t_ns[row - 1] - t_ns[row]) - HOUR_NS) < HOUR_NS // 60
-        remedy = "correct the file" + "; by an hour: local time at the end of summer time? Write UTC" * summer
+        remedy = restart_of(float(t_ns[row - 1] - t_ns[row]) / NS) or "correct the file"
+        remedy += "; by an hour: local time at the end of summer time? Write UTC" * summer
         raise rows.fail(
             int(picked[row]),
             f"time stamp {verb} ({time_words(t_ns[row])} after {time_words(t_ns[row - 1])}); {remedy}",

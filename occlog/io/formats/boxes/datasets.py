@@ -42,6 +42,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.limits import check_input
 from occlog.io.files.names import last_number, match_sensor, natural_sorted
+from occlog.io.files.programs import refuse_unread
 from occlog.io.files.texts.csv_rows import CsvRows, text_lines
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.files.texts.formats import Probe, is_folder
@@ -300,6 +301,8 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
     found = {p.name: _labels(p) for p in sorted(path.iterdir()) if p.is_dir() and not p.name.startswith(".")}
     cameras: dict[str | None, Path] = {name: folder for name, folder in found.items() if folder is not None}
     if not cameras:
+        for folder in (path, *(path / name for name in found)):
+            refuse_unread(folder)
         raise InputError(
             f"{path}: holds no file of labels (NAME_12.txt or 000012.txt, one a frame); name their folder",
             id="unknown-format",

@@ -300,7 +300,8 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
     number = str(image[key] + 0) if key else found.lstrip("0") or "0" if found else "0"
     if len(number) > len(str(MAX_FRAMES)) or not 0 <= int(number) < MAX_FRAMES:
         raise InputError(
-            f"{path}: image {n}: frame {number:.24}; it must be 0 or more, and below {MAX_FRAMES}; correct or remove it"
+            f"{path}: image {n}: frame {number:.24}; it must be 0 or more, and below {MAX_FRAMES}; a time? Give each "
+            "image its number as frame"
         )
     out = {"frame": number}
     if camera is None:

@@ -149,9 +149,17 @@ RESTART_SHARE = 0.2
 STOPPED_BOXES, STOPPED_FRAMES, END_FRAMES = 2, 10, 3
 """Boxes in one of the first or last `END_FRAMES` frames with boxes that show that the camera did not run beyond them,
 for people come and go one by one, where it would have no box in so many more frames."""
+COUNTER_BITS, COUNTER_SLACK = (8, 16, 24), 10
+"""Sizes of counters that begin again at 0, and frames without a box before and after that, at most."""
 MIN_LISTED_FRAMES, MIN_BOX_FRAMES = 3, 20
 """Frames of a camera from which those between are none where all are multiples of a step: where the file lists its
 frames, and where it has those with boxes alone."""
+
+
+def counter_bits(before: int, after: int) -> int:
+    """Size of the counter that began again between two frame numbers; 0 if none did."""
+    ends = (bits for bits in COUNTER_BITS if after < COUNTER_SLACK and 0 < 2**bits - before <= COUNTER_SLACK)
+    return next(ends, 0)
 
 
 @dataclass(frozen=True)
@@ -397,6 +405,7 @@ class _CameraFrames:
     first_low: float = math.inf
     last_high: float = -math.inf
     backs: list[tuple[int, int, int]] = field(default_factory=list)
+    by_frame: bool = True  # files with identities or classes may be sorted by these
 
     @property
     def restart(self) -> tuple[int, int, int] | None:
@@ -407,6 +416,10 @@ class _CameraFrames:
         if len(self.backs) != 1 or self.boxed < MIN_BOX_FRAMES:
             return None
         _, before, after = self.backs[0]
+        if counter_bits(before, after):
+            return self.backs[0]
+        if not self.by_frame:
+            return None
         near = RESTART_SHARE * (self.high - self.low)
         overlap = self.last_high >= self.first_low
         return self.backs[0] if after - self.low <= near and before - after > near and overlap else None
@@ -556,10 +569,9 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         for n in np.unique(boxes.camera).tolist():
             own.setdefault(found.cameras[n])
             found.take(found.cameras[n], boxes.frame[boxes.camera == n])
-            # Files may be sorted by identities or classes, too
-            if not chunk.has("id") and not class_labels(chunk):
-                mine = np.flatnonzero(boxes.camera == n)
-                found.frames[found.cameras[n]].follow(chunk.pick(mine), boxes.frame[mine])
+            mine, frames = np.flatnonzero(boxes.camera == n), found.frames[found.cameras[n]]
+            frames.by_frame &= not chunk.has("id") and not class_labels(chunk)
+            frames.follow(chunk.pick(mine), boxes.frame[mine])
         ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
         last, found.rows, found.ordered = int(boxes.frame[-1]), found.rows + len(boxes.frame), found.ordered and ordered
         found.beyond += int(np.count_nonzero(~_chosen(boxes, found.cameras, how.frames)))

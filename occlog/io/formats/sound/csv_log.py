@@ -5,6 +5,7 @@ Names of columns of angles end in their unit, `_deg` or `_rad`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -13,10 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints, Strings
+from occlog.array_types import NS, Floats, Ints, Strings
+from occlog.console.notes import note_once
 from occlog.errors import InputError, UsageError
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor
 from occlog.io.files.texts.formats import IDENTITY, RAW, FormatColumn, TextFormat, read_format
+from occlog.io.files.timing.times import check_unit
 from occlog.records.losses import Loss
 
 
@@ -104,13 +107,15 @@ FORMAT = TextFormat(
     },
     times=True,
 )
+MIN_ROWS = 20
+"""Directions of several arrays of which none is beyond 2 pi degrees where they are likely to be in radians."""
 AZIMUTHS = {name for key, names in FORMAT.names.items() if key.startswith("azimuth") for name in names}
 """Names of columns that a log is known by."""
 
 
 def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Generate the rows of a text table of directions; UsageError if a column of angles states no unit."""
-    label = ""
+    label, names, count, widest = "", set[str](), 0, 0.0
     for part in read_format(path, FORMAT, ignore_extra=options.ignore_extra):
         rows = part.rows
         elevation = _angle(rows, "elevation", options)
@@ -119,16 +124,26 @@ def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         if np.isnan(azimuth).any():
             raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it", id="missing-column")
         label = label or (str(rows.cells["sensor"][0]) if rows.has("sensor") else "")
+        t_ns, sensor = part.times(), _sensors(rows, options, label)
+        steps: Floats = np.diff(np.unique(t_ns)).astype(np.float64) / NS
+        check_unit(rows, steps)
+        names, count = names | set(sensor.tolist()), count + len(rows)
+        widest = max(widest, math.degrees(float(np.abs(azimuth).max(initial=0.0))))
         yield DoaRows(
             line=rows.lines,
-            t_ns=part.times() + options.start_ns,
-            sensor=_sensors(rows, options, label),
+            t_ns=t_ns + options.start_ns,
+            sensor=sensor,
             source_id=part["id"],
             azimuth=azimuth,
             elevation=elevation,
             sigma_azimuth=_sigma(rows, "sigma_azimuth", options),
             sigma_elevation=_sigma(rows, "sigma_elevation", options),
             confidence=part["confidence"],
+        )
+    if len(names) > 1 and count >= MIN_ROWS and widest <= 2.0 * math.pi:
+        note_once(
+            f"warning: {path}: all azimuths of {len(names)} arrays are within {widest:.3g} degrees of 0; are they "
+            "radians? Then name the column azimuth_rad"
         )
 
 

@@ -25,6 +25,7 @@ from occlog.io.files.limits import check_input
 from occlog.io.files.names import check_meaning, match_sensor
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, recognise
 from occlog.io.files.timing.frame_times import to_world_time
+from occlog.io.files.timing.times import restart_of
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, MicrophoneArray
 from occlog.records.tables import Doa
@@ -163,7 +164,7 @@ def _check_times(path: Path, rows: DoaRows, sensor: Strings, spans: dict[str, tu
         if len(back):
             k = int(back[0])
             began = t_ns[k] - first < MAX_RESTART_SHARE * (before[k] - first)
-            remedy = (
+            remedy = restart_of(float(before[k] - t_ns[k]) / NS) or (
                 "it starts again there: these are two runs in one file; split it at this line"
                 if began
                 else "sort the log by time"

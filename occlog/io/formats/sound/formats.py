@@ -198,7 +198,18 @@ FRIDA = TextFormat(
     },
     ignored=("n_speakers", "snr_db", "speakers"),
 )
-MICROPHONES = TextFormat("a table of microphones", {axis: FormatColumn((axis, f"{axis}_m")) for axis in "xyz"})
+MICROPHONE_UNITS = {"": 1.0, "_cm": 0.01, "_mm": 0.001}
+"""Endings of names of columns of microphones, and their units [m]."""
+MICROPHONES = TextFormat(
+    "a table of microphones",
+    {
+        f"{axis}{unit}": FormatColumn(
+            (axis, f"{axis}_m") if not unit else (f"{axis}{unit}",), default=math.nan, blank=False
+        )
+        for unit in MICROPHONE_UNITS
+        for axis in "xyz"
+    },
+)
 _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
 _WHOLE_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
@@ -283,6 +294,18 @@ def _moment(path: Path, line: int, day: str, clock: str) -> int:
     return int(instant.timestamp()) * NS
 
 
+def _microphones(path: Path, part: TextPart) -> Floats:
+    """(M, 3) positions [m] of the rows of a table of microphones; InputError without one column for each axis."""
+    out = np.empty((len(part), 3))
+    for n, axis in enumerate("xyz"):
+        found = [unit for unit in MICROPHONE_UNITS if part.rows.has(axis + unit)]
+        if len(found) != 1:
+            problem = f"two columns of {axis}; keep one" if found else f"no column {axis}; add it"
+            raise InputError(f"{path}: has {problem} (x, y, z in m, or x_cm, x_mm)", id="missing-column")
+        out[:, n] = MICROPHONE_UNITS[found[0]] * part[axis + found[0]]
+    return out
+
+
 def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, ...]:
     """Arrays of a scene from a table of positions.
 
@@ -306,7 +329,7 @@ def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, .
             )
         return scene.arrays
     if is_header(head):
-        parts = [np.column_stack([part[axis] for axis in "xyz"]) for part in read_format(path, MICROPHONES)]
+        parts = [_microphones(path, part) for part in read_format(path, MICROPHONES)]
         if not parts:
             raise InputError(
                 f"{path}: holds a header and no row; columns x, y and z of microphones were expected", id="empty-input"

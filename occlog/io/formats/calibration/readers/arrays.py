@@ -272,6 +272,12 @@ def _cameras(path: Path, options: CalibrationOptions) -> list[Camera]:
         for key in ("R", "t"):
             if key not in parts:
                 raise InputError(f"{path}: has K, but no {key}; expected K, R and t, or P", id="missing-value")
+        if n == 1 and (rotation := parts["R"]).size > 9 and rotation.size % 3 == 0:
+            raise InputError(
+                f"{path}: has rotations of {rotation.size // 3} images of a board; state one R and t, from the "
+                "world to the camera",
+                id="invalid-calibration",
+            )
     unused = [key for key in arrays if not any(arrays[key] is value for value in parts.values())]
     options.check_keys(path.name, unused, WITHOUT_EFFECT)
     columns = {key: _per_camera(value, key, n, path) for key, value in parts.items()}
