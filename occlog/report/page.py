@@ -78,7 +78,7 @@ def _people(people: PeopleStatistics) -> list[Figure]:
 
 def _headline_accuracy(data: ReportInput) -> list[Figure]:
     """Headline: RMSE, bound and ratio over all targets; without truth, the triangulation distance."""
-    if data.in_images or independent_ids(data.metrics):
+    if data.in_images or independent_ids(data.metrics) or (data.errors is None and "idf1" in data.metrics):
         return _pairs(data)
     if data.errors is None or not len(data.errors):
         return _headline_sight(data)
@@ -97,8 +97,9 @@ def _pairs(data: ReportInput) -> list[Figure]:
     unit = data.unit
     value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
     gate = f"matching per frame, {number(value.get(f'matched_gate_{unit}'))} {unit} gate"
+    where = " of boxes in the images" if not data.in_images and f"matched_gate_{unit}" not in value else ""
     shown = (
-        ("HOTA", "hota", "", "detection and association"),
+        ("HOTA", "hota", "", f"detection and association{where}"),
         ("IDF1", "idf1", "", "share of rows with the right identity"),
         ("MOTA", "mota", "", "1 is the best possible"),
         ("identity switches", "id_switches", "", ""),

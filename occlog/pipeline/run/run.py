@@ -28,6 +28,8 @@ from .stage import RunStage, files_of, name_of, places_of
 from .stages import Config, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
+METRICS_FILES = ("metrics.json", "metrics_in_images.json")
+"""Figures of a run: those of tracks on the ground first."""
 CONFIGURATION = "run.yaml"
 """Name of a configuration that `occlog start` writes into the run folder."""
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
@@ -233,7 +235,7 @@ def worst(codes: Iterable[int]) -> int:
 
 
 def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, object]:
-    metrics = folder / "metrics.json"
+    metrics = next((path for name in METRICS_FILES if (path := folder / name).is_file()), folder)
     # Figures that another evaluation made, before a dry run, are not those of this configuration
     values = read_json(metrics) if done.get("evaluate", WAITING) != WAITING and metrics.is_file() else {}
     numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in ("plausible", "warnings")}
