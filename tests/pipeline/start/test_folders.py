@@ -347,6 +347,21 @@ def test_cameras_of_other_names_are_not_guessed(folder: Path, start: Start) -> N
     assert "not used: b.json: as stated" in output
 
 
+def test_of_several_recordings_one_is_asked_for_and_nothing_is_left_behind(folder: Path, start: Start) -> None:
+    make.opencv(folder / "calib", hall("abc"))
+    for recording in ("walk1", "walk2"):
+        (folder / recording).mkdir()
+        for camera in CAMERAS:
+            make.coco(folder / recording / f"{camera}.json", camera)
+    code, output = start(*FPS)
+    assert code == ExitCode.BAD_INPUT
+    assert "1/walk1'; " in output
+    code, output = start("--set", "ingest.truth=[nothing.csv]", *FPS, "--as", "walk2=unused")
+    assert code == ExitCode.BAD_INPUT, output
+    assert not (folder.parent / "out").exists()
+    assert start(*FPS, "--as", "walk2=unused", "--write-only")[0] == ExitCode.DONE
+
+
 def test_ingest_notes_frames_that_count_from_another_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     make.yolo(tmp_path / "yolo" / "a", "a")
     make.opencv(tmp_path / "calib", hall("a"))
