@@ -84,7 +84,7 @@ def test_yolo_text_with_opencv_and_a_truth_that_counts_from_another_frame(folder
     assert code == ExitCode.DONE
     assert "boxes of class 0, person in COCO, of 0 (407), 56 (150)  [--set ingest.class=...]" in output
     assert "boxes count frames from 1, the truth from 0  [--set ingest.first_number=...]" in output
-    assert "not used: README.txt, costs.csv, notes.md: no format that is known" in output
+    assert "not used: README.txt, costs.csv, notes.md and 1 more: no format that is known" in output
     assert "not used: thumbnails: pictures that by their name are no camera's" in output
     assert ".git" not in output
     all_found(folder)
@@ -323,7 +323,7 @@ def test_what_cannot_be_used_is_one_line(folder: Path, start: Start) -> None:
     make.litter(folder)
     code, output = start()
     assert code == ExitCode.BAD_INPUT
-    assert "nothing to track: 5 files or folders of no known format; give videos" in output
+    assert "nothing to track: 6 files or folders of no known format; give videos" in output
     assert start(source=folder / "nothing")[0] == ExitCode.BAD_INPUT
     assert start("--set", "fps=25")[0] == ExitCode.USAGE
     assert start("--as", "README.txt=movie")[0] == ExitCode.USAGE
