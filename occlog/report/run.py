@@ -223,7 +223,7 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
         job.note(text)
     files: dict[str, object] = {"page": paths.output, "png": paths.png, "markdown": paths.markdown}
     summary = {name: path for name, path in files.items() if path is not None} | {"targets": len(data.targets)}
-    summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
+    summary["rows"] = {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {"unknown_sensors": list(data.strangers)} if data.strangers else {}
     return JobResult(summary | summary_of(data.verdicts), unseen, [loss for loss in earlier if loss not in unseen])
 
