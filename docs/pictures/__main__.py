@@ -84,8 +84,8 @@ def report(work: Path, to: Path) -> None:
     (work / "room/report.png").replace(to)
 
 
-def moments(work: Path, to: Path) -> None:
-    """The moments of a run in Chromium; the picture stays as it was where that is missing."""
+def replay(work: Path, to: Path) -> None:
+    """The replay of a run in Chromium; the picture stays as it was where that is missing."""
     if CHROMIUM is None:
         raise StaysError("no Chromium")
     occlog(work, "run", "examples/people.yaml", "-o", "people")
@@ -204,7 +204,7 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "rerun.png": viewer,
     "lichtblick.png": lichtblick,
     "report.png": report,
-    "moments.png": moments,
+    "replay.png": replay,
     "beside.png": beside,
     "overlay.png": overlay,
     "video.png": video,

@@ -35,6 +35,11 @@ def open_sources(request: EvaluateRequest, *, held_boxes: bool) -> tuple[Evaluat
     tracks, truth, scene = open_tables(request)
     if request.views is not None and truth is not None and not held_boxes:
         truth.require(TruthBoxes)
+    if truth is not None and not truth.has(Truth) and request.views is None and request.directions is None:
+        raise InputError(
+            f"{truth.path}: holds true boxes, no positions; compare tracks in images (view_tracks.parquet)",
+            id="wrong-content",
+        )
     views = _opened(request.views, *((Boxes, Views) if held_boxes else (Views,)))
     boxes: Any = None
     if held_boxes and views is not None:

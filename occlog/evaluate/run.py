@@ -170,8 +170,6 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
         )
     each, whole = list[Metrics](), None
     for side, (sources, scene, _) in zip(sides, opened, strict=True):
-        if sources.truth is None:
-            raise UsageError(f"{option('also')}: {side.truth} holds no true positions", id="wrong-content")
         born = initiated_from_detections(side.tracks) or is_external(side.tracks)
         own = "start" if born else own_targets_by(chosen, numbered_itself=False)
         config = configure(MultiTargetConfig.in_unit(scene.length_unit), {"assigned_target": own, **side.multi_target})

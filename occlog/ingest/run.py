@@ -522,7 +522,7 @@ def _split_tables(
 def _twice(key: int | str, other: Path) -> str:
     """Message that the file `other` has the same target (int), or boxes of the same camera (str), at the same times."""
     if isinstance(key, str):
-        return f"camera {key}: has true boxes in {other}, too, at the same times; join the files"
+        return f"camera {key}: has true boxes in {other}, too, at the same times; give one of them, or join them"
     return (
         f"target {key} has positions in {other}, too, at the same times; give each target its own number in a column id"
     )

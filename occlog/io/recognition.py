@@ -177,6 +177,8 @@ def _of_text(path: Path, head: bytes) -> Iterator[FileContent]:
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     if text.lower().startswith(SEQUENCE_INFO.encode()):
         yield FileContent(FileKind.SEQUENCE, "description of a MOTChallenge sequence")
+    elif b"```" in head:
+        return  # Markdown with a block of code
     elif re.search(rb"^occlog_scene\s*:", head, re.MULTILINE):
         yield FileContent(FileKind.SCENE, "scene")
     elif re.search(rb"^occlog_[a-z]+\s*:", head, re.MULTILINE):
@@ -190,7 +192,7 @@ def _of_text(path: Path, head: bytes) -> Iterator[FileContent]:
 
 
 def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
-    from occlog.io.files.texts.csv_rows import is_header
+    from occlog.io.files.texts.csv_rows import is_header, is_prose
     from occlog.io.files.texts.formats import Probe
     from occlog.io.formats.boxes.reader import FORMATS as BOXES
     from occlog.io.formats.calibration.reader import IMPORTERS
@@ -214,7 +216,12 @@ def _of_formats(path: Path, head: bytes) -> Iterator[FileContent]:
     if not is_header(cells):
         yield from _without_header(probe, cells, TRUTHS, DIRECTIONS)
         return
-    yield from _of_header(path, probe, set(cells), DIRECTIONS)
+    try:
+        prose = is_prose(path, "an input")
+    except InputError:
+        prose = False  # a table with a fault, which its reader describes
+    if not prose:
+        yield from _of_header(path, probe, set(cells), DIRECTIONS)
 
 
 def _of_header(path: Path, probe: Probe, cells: set[str], directions: Formats) -> Iterator[FileContent]:

@@ -37,7 +37,7 @@ from .plots.over_time import (
     sensors,
     watched,
 )
-from .plots.sensortable import sensor_rows
+from .plots.sensortable import sensor_columns, sensor_rows
 from .replay.build import Replay, replay
 from .replay.thumbnails import Thumbnails
 
@@ -57,7 +57,7 @@ def headline(data: ReportInput) -> list[Figure]:
     elif data.tracks is not None:
         out.append(Figure("estimates", number(data.rows("tracks")), "", f"of {plural(len(data.targets), 'target')}"))
     coverage = data.coverage
-    if coverage is not None and coverage.rows:
+    if coverage is not None and coverage.seen < coverage.rows:  # else detections alone have rows
         share = 100.0 * (coverage.seen / coverage.rows)
         out.append(Figure("target seen", number(round(share, 1)), "%", f"of {number(coverage.rows)} observations"))
     if data.losses:
@@ -78,7 +78,7 @@ def _people(people: PeopleStatistics) -> list[Figure]:
 
 def _headline_accuracy(data: ReportInput) -> list[Figure]:
     """Headline: RMSE, bound and ratio over all targets; without truth, the triangulation distance."""
-    if data.in_images or independent_ids(data.metrics):
+    if data.in_images or independent_ids(data.metrics) or (data.errors is None and "idf1" in data.metrics):
         return _pairs(data)
     if data.errors is None or not len(data.errors):
         return _headline_sight(data)
@@ -97,8 +97,9 @@ def _pairs(data: ReportInput) -> list[Figure]:
     unit = data.unit
     value = {name: found for name, found in data.metrics.items() if isinstance(found, int | float)}
     gate = f"matching per frame, {number(value.get(f'matched_gate_{unit}'))} {unit} gate"
+    where = " of boxes in the images" if not data.in_images and f"matched_gate_{unit}" not in value else ""
     shown = (
-        ("HOTA", "hota", "", "detection and association"),
+        ("HOTA", "hota", "", f"detection and association{where}"),
         ("IDF1", "idf1", "", "share of rows with the right identity"),
         ("MOTA", "mota", "", "1 is the best possible"),
         ("identity switches", "id_switches", "", ""),
@@ -339,7 +340,9 @@ def _everybody(data: ReportInput) -> list[Plot]:
     names = people.cameras
     if not names or (data.in_images and len(names) == 1):
         return [who]
-    caption = f"In {number(round(100.0 * people.several, 1))} % of the estimates several cameras see the person."
+    caption = "Share of the people who are there."
+    if len(names) > 1:
+        caption = f"In {number(round(100.0 * people.several, 1))} % of the estimates several cameras see the person."
     if len(names) > MAX_SENSORS:
         caption += f" The first {MAX_SENSORS} of {len(names)} cameras are drawn."
     size = (WIDTH, 1.15 + 0.27 * min(len(names), MAX_SENSORS))
@@ -464,7 +467,8 @@ def _render(data: ReportInput, plots: list[Plot], replay: Replay | None) -> str:
         check_counts=check_counts(data.verdicts),
         groups=groups(data.metrics, data.unit),
         rows=row_counts(data),
-        sensors=sensor_rows(data),
+        sensors=(rows := sensor_rows(data)),
+        sensor_columns=sensor_columns(rows, data.unit),
         plots=plots,
         left_out=() if data.in_images else data.targets[MAX_TARGETS:],
         lives=life_rows(data),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from textwrap import wrap
 from typing import NamedTuple
 
 from matplotlib.figure import FigureBase, SubFigure
@@ -43,7 +44,7 @@ def build_picture(data: ReportInput) -> bytes:
     texts = {"Title": data.title, "Description": json.dumps(data.provenance, sort_keys=True, default=str)}
     with house_style():
         canvas = new_figure(*SIZE)
-        top, middle = canvas.subfigures(2, 1, height_ratios=[1.0, 8.0], squeeze=False)[:, 0]
+        top, middle = canvas.subfigures(2, 1, height_ratios=[1.15, 8.0], squeeze=False)[:, 0]
         _figures(top, data)
         _arrange(middle, data, _panels(data))
         return to_png(canvas, DPI, texts)
@@ -76,8 +77,8 @@ def _figures(figure: FigureBase, data: ReportInput) -> None:
     for i, item in enumerate(shown):
         x = 0.012 + i * step
         figure.text(x, 0.42, f"{item.value} {label(item.unit, 8)}".strip(), fontsize=15, va="center")
-        words = f"{label(item.name, 36)}\n{label(item.note, 36)}"
-        figure.text(x, 0.22, words, fontsize=8.5 if len(shown) < 7 else 7.5, va="top", color=COLOURS["muted"])
+        words = "\n".join([label(item.name, 36), *wrap(label(item.note, 70), 28)])
+        figure.text(x, 0.24, words, fontsize=8.5 if len(shown) < 7 else 7.5, va="top", color=COLOURS["muted"])
 
 
 def _head(figure: FigureBase, text: str) -> None:

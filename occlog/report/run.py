@@ -48,7 +48,9 @@ def from_folder(request: PageRequest) -> PageRequest:
     if folder is None or not folder.is_dir():
         return request
     names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics", "events")}
-    names |= {"metrics": "metrics.json", "scene": "recording.mcap"}
+    figures = ("metrics.json", "metrics_in_images.json")  # the latter alone where the truth has boxes only
+    names |= {"metrics": next((file for file in figures if (folder / file).is_file()), figures[0])}
+    names["scene"] = "recording.mcap"
     names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
     found = {n: folder / file for n, file in names.items() if (folder / file).is_file()}
     if "tracks" not in found:
@@ -227,7 +229,7 @@ def run_report(request: PageRequest, job: Job) -> JobResult:
         job.note(text)
     files: dict[str, object] = {"page": paths.output, "png": paths.png, "markdown": paths.markdown}
     summary = {name: path for name, path in files.items() if path is not None} | {"targets": len(data.targets)}
-    summary |= {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
+    summary["rows"] = {name: data.rows(name) for name in TABLES if getattr(data, name) is not None}
     summary |= {"unknown_sensors": list(data.strangers)} if data.strangers else {}
     return JobResult(summary | summary_of(data.verdicts), unseen, [loss for loss in earlier if loss not in unseen])
 

@@ -62,7 +62,7 @@ def test_kinds_of_folders_and_binary_files(tmp_path: Path) -> None:
     assert found == {
         "yolo": ["boxes"], "calib": [], "chain.yaml": ["calibration"], "sparse": ["calibration"],
         "pairs": ["calibration"], "talk.wav": ["sound"], "table_microphones.csv": ["microphones"], "README.txt": [],
-        "notes.md": [], "thumbnails": ["images"], "plan.png": [], ".git": [], "costs.csv": [],
+        "notes.md": [], "scene.md": [], "thumbnails": ["images"], "plan.png": [], ".git": [], "costs.csv": [],
         "walk.mcap": ["recording"], "truth.parquet": ["truth"],
     }  # fmt: skip
     assert [c.words for c in contents_of(tmp_path / "calib" / "a.yaml")] == ["calibration, opencv-storage"]

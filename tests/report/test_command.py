@@ -77,7 +77,7 @@ def test_a_run_folder_to_page_and_picture(folder: Path, capsys: Any) -> None:
     assert report(folder, "-o", page, "--png", png, "--title", "A & B") == ExitCode.DONE
     out, err = capsys.readouterr()
     assert "lost earlier: east: frame 7: cut short (3 lost)" in err
-    assert "tracks:" in out
+    assert "tracks 5" in out
     text = page.read_text()
     assert "<title>A &amp; B</title>" in text
     assert "&#34;particles&#34;: 1234" in text
@@ -98,7 +98,7 @@ def test_json_summary(folder: Path, capsys: Any) -> None:
     verdict = {"plausible": None, "warnings": []}
     result = json.loads(out)
     assert [loss["count"] for loss in result.pop("lost_earlier")] == [3]
-    assert result == {"page": str(page), "targets": 1, "tracks": 5, "bearings": 10, **verdict, "losses": []}
+    assert result == {"page": str(page), "targets": 1, "rows": {"tracks": 5, "bearings": 10}, **verdict, "losses": []}
     assert "Track and lines of sight" in page.read_text()
 
 

@@ -28,7 +28,7 @@ from occlog.pipeline.executors.chosen import executor_of
 from occlog.pipeline.executors.interface import Lost
 from occlog.pipeline.executors.options import JOBS_FOLDER
 from occlog.pipeline.progress import shown_progress
-from occlog.pipeline.run.run import worst
+from occlog.pipeline.run.run import METRICS_FILES, worst
 from occlog.pipeline.run.stages import OVERLAY, Config, check_settings, plan, read_config
 from occlog.records.losses import Loss
 from occlog.records.tables import TABLES
@@ -40,7 +40,6 @@ from .recording import FAILED, RUNS, RecordingOutcome, Task, batch_folder, fetch
 RUNS_TABLE, METRICS_TABLE = "runs.parquet", "metrics.parquet"
 VERDICTS = "recording verdicts"
 """Name of the check of a batch."""
-METRICS_FILES = ("metrics.json", "metrics_in_images.json")
 MAX_LOSSES = 20
 """Losses of a recording that the provenance of each table has; the table of runs has all."""
 WHOLE = "the whole recording"

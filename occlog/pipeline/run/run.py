@@ -28,6 +28,8 @@ from .stage import RunStage, files_of, name_of, places_of
 from .stages import Config, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
+METRICS_FILES = ("metrics.json", "metrics_in_images.json")
+"""Figures of a run: those of tracks on the ground first."""
 CONFIGURATION = "run.yaml"
 """Name of a configuration that `occlog start` writes into the run folder."""
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
@@ -100,12 +102,16 @@ def run_stages(
     for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
         check_settings(wanted, stage)
     folder = _folder(output, dry_run)
-    steps: list[StageStep] = []
+    steps, verdicts = list[StageStep](), tuple[Verdict, ...]()
     noted = () if quiet else noted
     for step in do_stages(
         wanted, folder, force=force, dry_run=dry_run, begin=lambda name: _note_begin(name, quiet), noted=noted
     ):
         steps.append(step)
+        known = texts_of(verdicts, "run")
+        verdicts = distinct((*verdicts, *verdicts_of(folder / name for name in step.outputs)))
+        if step.stage not in noted or step.what == UP_TO_DATE:
+            console.note_findings((text for text in texts_of(verdicts, "run") if text not in known), quiet)
     if steps and steps[-1].code not in GOING_ON:
         return steps[-1].code
     if dry_run and (others := other_versions(folder)):
@@ -113,14 +119,12 @@ def run_stages(
     # Losses of a finished stage are in its state
     kept = [step for step in steps if step.what == UP_TO_DATE and step.code == ExitCode.LOSSY]
     console.note_losses(losses_of(folder / name for step in kept for name in step.outputs))
-    verdicts = verdicts_of(folder / name for step in steps for name in step.outputs)
     summary = {**_summary(folder, {step.stage: step.what for step in steps}, as_json), **summary_of(verdicts)}
     lost = losses_of(folder / name for step in steps for name in step.outputs)
     if as_json:
         summary["losses"] = [loss.as_dict() for loss in lost]
     for loss in lost if all(step.code != ExitCode.LOSSY for step in steps) else ():
         console.note(f"lost earlier: {loss}", quiet)
-    console.note_findings(texts_of(verdicts, "run"), quiet)
     console.echo_summary(summary, as_json)
     return console.strict_code(worst(step.code for step in steps), summary.get("plausible"), strict)
 
@@ -242,7 +246,7 @@ def worst(codes: Iterable[int]) -> int:
 
 
 def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, object]:
-    metrics = folder / "metrics.json"
+    metrics = next((path for name in METRICS_FILES if (path := folder / name).is_file()), folder)
     # Figures that another evaluation made, before a dry run, are not those of this configuration
     values = read_json(metrics) if done.get("evaluate", WAITING) != WAITING and metrics.is_file() else {}
     numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in ("plausible", "warnings")}

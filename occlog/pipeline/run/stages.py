@@ -353,18 +353,21 @@ def _everybody(
     yield _stage(config, "track", {"output": out["tracks"], **found}, (str(out["views"]),), scene)
     inputs, shown, metrics = dict(scene), dict(scene), folder / "metrics.json"
     truth = _truth(config, recording, out["views"])
-    if truth:
+    in_images = {"output": folder / "metrics_in_images.json"}
+    compared: dict[str, object] = {"truth": truth.get("truth")}
+    if "views" in truth and recording.is_file() and not _held(recording)[0]:
+        # A truth of boxes alone has no positions to compare tracks on the ground with
+        yield _stage(config, "evaluate", in_images, (str(found["view_tracks"]),), compared)
+        shown["metrics"] = str(in_images["output"])
+    elif truth:
         inputs["truth"] = shown["truth"] = truth["truth"]
         results = {"output": metrics, "errors": out["errors"]}
         yield _stage(config, "evaluate", results, (str(out["tracks"]),), inputs)
         shown |= {"errors": str(out["errors"]), "metrics": str(metrics)}
-    if "views" in truth and "truth" not in config.stage("evaluate"):
-        plain = replace(config, values={k: v for k, v in config.values.items() if k != "evaluate"})
-        compared: dict[str, object] = {"truth": truth["truth"]}
-        results = {"output": folder / "metrics_in_images.json"}
-        yield replace(
-            _stage(plain, "evaluate", results, (str(found["view_tracks"]),), compared), name="evaluate-in-images"
-        )
+        if "views" in truth:
+            plain = replace(config, values={k: v for k, v in config.values.items() if k != "evaluate"})
+            stage = _stage(plain, "evaluate", in_images, (str(found["view_tracks"]),), compared)
+            yield replace(stage, name="evaluate-in-images")
     page = {"output": folder / "report.html", "png": folder / "report.png", "markdown": folder / "report.md"}
     config, pictures = _images(config, recording)
     seen = {} if out["views"] == recording or "table" in config.values else {"bearings": str(out["bearings"])}

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from shlex import quote
 from typing import NamedTuple
 
 import numpy as np
@@ -256,7 +257,7 @@ def _of_cameras(made: Choices) -> None:
     _guess_size(made, opened)
     groups = _calibrations(made)
     names = list(dict.fromkeys([*(i.name for i in found.of(FileKind.VIDEO, FileKind.IMAGES)), *opened.cameras]))
-    _check_doubles(made)
+    _check_doubles(made, opened)
     calibration = _choose_calibration(made, groups, names, {i.path: i for i in found.items})
     scene = _put_scene(made, "ingest")
     renamed = _match(made, calibration, names, scene)
@@ -369,26 +370,39 @@ def _texts(value: object) -> tuple[str, ...]:
     return () if value is None else tuple(map(str, value)) if isinstance(value, list | tuple) else (str(value),)
 
 
-def _check_doubles(made: Choices) -> None:
-    """InputError for two videos or image folders with one name (different cameras, or copies).
+def _check_doubles(made: Choices, opened: OpenedBoxes) -> None:
+    """InputError for two inputs of one kind with one camera: of several recordings, of other cameras, or copies.
 
     Image folders of a camera with a video are dropped unless stated.
     """
-    for kind in (FileKind.VIDEO, FileKind.IMAGES):
-        owner: dict[str, Item] = {}
+    for kind in (FileKind.VIDEO, FileKind.IMAGES, FileKind.BOXES):
+        owners: dict[str, list[Item]] = {}
         for item in made.found.of(kind):
-            other = owner.setdefault(item.name, item)
-            if other is not item:
+            for name in opened.files[item].cameras if kind is FileKind.BOXES else (item.name,):
+                owners.setdefault(name, []).append(item)
+        for name, items in owners.items():
+            if len(items) > 1:
+                remedies = _one_of(made, items, alone=name == items[1].name)
                 raise InputError(
-                    f"{item.path}: camera {item.name}, as {made.shown(other.path)}; name one: "
-                    f"--as '{made.shown(item.path)}={kind.value}:NAME', or leave it out: "
-                    f"{made.shown(item.path)}=unused",
-                    id="ambiguous-input",
+                    f"{items[1].path}: camera {name}, as {made.shown(items[0].path)}; {remedies}", id="ambiguous-input"
                 )
     both = {i.name for i in made.found.of(FileKind.VIDEO)} & {i.name for i in made.found.of(FileKind.IMAGES)}
     for item in made.found.of(FileKind.IMAGES):
         if item.name in both and not item.stated:
             made.found.drop(item, f"camera {item.name} has a video (--as PATH=images:NAME)")
+
+
+def _one_of(made: Choices, items: Sequence[Item], *, alone: bool) -> str:
+    """Remedies for inputs of one camera: the start of one recording and, of a file of this camera alone, its name."""
+    first, second, *_ = items
+    both = first.path.parts, second.path.parts
+    apart = next(n for n, (one, two) in enumerate(zip(*both, strict=False)) if one != two)
+    if apart < min(map(len, both)) - 1:
+        out = f"for one recording: occlog start {quote(str(Path(*both[0][: apart + 1])))}"
+    else:
+        out = "for one recording: " + " ".join(f"--as {quote(made.shown(item.path))}=unused" for item in items[1:])
+    name = f"--as '{made.shown(second.path)}={second.kind.value}:NAME'"
+    return f"{out}; for another camera: {name}" if alone else out
 
 
 Group = tuple[Item, ...]

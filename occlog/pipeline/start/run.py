@@ -12,7 +12,7 @@ from occlog import console
 from occlog.errors import ExitCode, OutputExistsError, UsageError, did_you_mean, nearest
 from occlog.io.files.atomic import open_output
 from occlog.io.files.texts.yaml import parse_yaml
-from occlog.pipeline.run.run import CONFIGURATION, run_stages
+from occlog.pipeline.run.run import CONFIGURATION, drop_empty, outcomes, run_stages
 from occlog.pipeline.run.stages import known_keys
 
 from .choices import Choices, choose
@@ -58,8 +58,9 @@ def start(
             console.note(line, quiet)
     path = output / CONFIGURATION
     text = as_text(made, list(unused_lines(found, sources)), output)
-    if not path.is_file() or _without_comments(path.read_text(encoding="utf-8")) != _without_comments(text):
-        if path.exists() and not overwrite:
+    written = not path.exists()
+    if written or _without_comments(path.read_text(encoding="utf-8")) != _without_comments(text):
+        if not written and not overwrite:
             raise OutputExistsError(f"{path}: exists, and is another configuration")
         output.mkdir(parents=True, exist_ok=True)
         with open_output(path, overwrite=overwrite) as file:
@@ -67,16 +68,21 @@ def start(
     if write_only:
         console.echo_summary({"configuration": str(path), **(_summary(made) if as_json else {})}, as_json)
         return ExitCode.DONE
-    return run_stages(
-        path,
-        output,
-        force=False,
-        dry_run=False,
-        strict=strict,
-        quiet=quiet,
-        as_json=as_json,
-        noted=("ingest", "listen"),
-    )
+    try:
+        return run_stages(
+            path,
+            output,
+            force=False,
+            dry_run=False,
+            strict=strict,
+            quiet=quiet,
+            as_json=as_json,
+            noted=("ingest", "listen"),
+        )
+    finally:
+        if written and not outcomes(output):  # no stage was done; another choice needs no --overwrite
+            path.unlink()
+            drop_empty(output)
 
 
 def _without_comments(text: str) -> list[str]:

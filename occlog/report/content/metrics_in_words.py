@@ -10,7 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from occlog.evaluate.mot.figures import INDEPENDENT_IDS
+
 LENGTH = "length"
+AREA = "squared length"
 SHARE = "share"
 
 
@@ -49,6 +52,64 @@ WORDS: tuple[Word, ...] = (
     Word(_MANY, "gospa", "mean GOSPA", LENGTH),
     Word(_MANY, "tgospa", "trajectory GOSPA", LENGTH),
     Word(_MANY, "ospa2", "OSPA(2)", LENGTH),
+    Word(_MANY, "ospa2_localisation", "OSPA(2), localisation", LENGTH, "", False),
+    Word(_MANY, "ospa2_cardinality", "OSPA(2), cardinality", LENGTH, "", False),
+    Word(_MANY, "ospa2_window", "OSPA(2), mean over windows", LENGTH, "", False),
+    Word(_MANY, "gospa", "mean GOSPA of 1 - IoU", "", "", False),
+    Word(_MANY, "gospa_localisation", "mean GOSPA, localisation", AREA, "", False),
+    Word(_MANY, "gospa_localisation", "mean GOSPA of 1 - IoU, localisation", "", "", False),
+    Word(_MANY, "gospa_missed", "mean GOSPA, missed", AREA, "", False),
+    Word(_MANY, "gospa_missed", "mean GOSPA of 1 - IoU, missed", "", "", False),
+    Word(_MANY, "gospa_false", "mean GOSPA, false", AREA, "", False),
+    Word(_MANY, "gospa_false", "mean GOSPA of 1 - IoU, false", "", "", False),
+    Word(_MANY, "tgospa_localisation", "trajectory GOSPA, localisation", AREA, "", False),
+    Word(_MANY, "tgospa_missed", "trajectory GOSPA, missed", AREA, "", False),
+    Word(_MANY, "tgospa_false", "trajectory GOSPA, false", AREA, "", False),
+    Word(_MANY, "tgospa_switch", "trajectory GOSPA, switches", AREA, "", False),
+    Word(_MANY, "detre", "DetRe", "", "recall of the detection part of HOTA", False),
+    Word(_MANY, "detpr", "DetPr", "", "precision of the detection part of HOTA", False),
+    Word(_MANY, "assre", "AssRe", "", "recall of the association part of HOTA", False),
+    Word(_MANY, "asspr", "AssPr", "", "precision of the association part of HOTA", False),
+    Word(_MANY, "idr", "identity recall", SHARE, "true rows with the right identity", False),
+    Word(_MANY, "idp", "identity precision", SHARE, "rows of tracks with the right identity", False),
+    Word(_MANY, "idf1_across_views", "IDF1 across views", "", "identities that are those of all views", False),
+    Word(_MANY, "idr_across_views", "identity recall across views", SHARE, "", False),
+    Word(_MANY, "idp_across_views", "identity precision across views", SHARE, "", False),
+    Word(_MANY, "idtp", "rows with the right identity", "", "", False),
+    Word(_MANY, "idfp", "rows without the right identity", "", "", False),
+    Word(_MANY, "idfn", "true rows without the right identity", "", "", False),
+    Word(_MANY, "tp", "matched rows", "", "", False),
+    Word(_MANY, "fp", "false rows", "", "", False),
+    Word(_MANY, "fn", "missed rows", "", "", False),
+    Word(_MANY, "motp", "MOTP", LENGTH, "mean distance of the pairs", False),
+    Word(_MANY, "motp", "MOTP of 1 - IoU", "", "mean of the pairs", False),
+    Word(_MANY, "motp_iou", "mean IoU of the pairs", "", "", False),
+    Word(_MANY, "moda", "MODA", "", "1 - (missed + false) / true rows", False),
+    Word(_MANY, "modp", "MODP", "", "1 is the best possible", False),
+    Word(_MANY, "moda_missed", "missed rows of MODA", "", "", False),
+    Word(_MANY, "moda_false", "false rows of MODA", "", "", False),
+    Word(_MANY, "fr_p", "FR_p", SHARE, "targets without a tracker on them", False),
+    Word(_MANY, "fr_l", "FR_l", SHARE, "trackers on another target than their own", False),
+    Word(_MANY, "position_failures", "targets without a tracker", "", "numerator of FR_p", False),
+    Word(_MANY, "label_failures", "trackers on another target", "", "numerator of FR_l", False),
+    Word(_MANY, "mostly_tracked", "targets mostly tracked", "", "", False),
+    Word(_MANY, "partly_tracked", "targets partly tracked", "", "", False),
+    Word(_MANY, "mostly_lost", "targets mostly lost", "", "", False),
+    Word(_MANY, "count_targets_mean", "targets at a time, true", "", "mean", False),
+    Word(_MANY, "count_tracks_mean", "tracks at a time", "", "mean", False),
+    Word(_MANY, "count_error_mean", "difference in number, mean", "", "", False),
+    Word(_MANY, "count_error_rms", "difference in number, RMS", "", "", False),
+    Word(_MANY, "count_error_max", "difference in number, largest", "", "", False),
+    Word(_MANY, "matched_nees_compared", "rows with a NEES", "", "", False),
+    Word(_MANY, "objects", "true rows", "", "", False),
+    Word(_MANY, "objects_interpolated", "true rows, interpolated", "", "", False),
+    Word(_MANY, "objects_ignored", "true rows that do not count", "", "", False),
+    Word(_MANY, "overlap", "overlap from which boxes match", "", "", False),
+    Word(_MANY, "estimates_compared", "rows compared", "", "", False),
+    Word(_MANY, "estimates_other_frames", "rows in frames without truth", "", "", False),
+    Word(_MANY, "frames", "frames", "", "", False),
+    Word(_MANY, "frames_without_tracks", "frames without tracks", "", "", False),
+    Word(_MANY, "views_without_tracks", "views without tracks", "", "", False),
     Word(_ACCURACY, "rmse", "RMSE", LENGTH, "root mean square distance between estimate and truth"),
     Word(_ACCURACY, "rmse_x", "RMSE along x", LENGTH, "root mean square error along one axis"),
     Word(_ACCURACY, "rmse_y", "RMSE along y", LENGTH, "root mean square error along one axis"),
@@ -245,13 +306,23 @@ def number(value: Value) -> str:
 
 
 def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
-    """Group all metrics in the order of the vocabulary; unknown ones last, under their own names."""
+    """Group all metrics in the order of the vocabulary; unknown ones last, under their own names.
+
+    Accuracy without an error has counts alone: these are with the figures of many targets, or left out.
+    """
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {word.base + word.unit: n for n, word in enumerate(WORDS)}
     found = sorted(parsed, key=lambda m: (m.settled, order.get(m.word.base + m.word.unit, len(order))))
     out: dict[str, list[MetricValue]] = {}
+    with_errors = any(m.word.group == _ACCURACY and m.word.unit == LENGTH for m in found)
+    of_many = any(m.word.group == _MANY for m in found)
     for metric in found:
-        title = metric.word.group + (", after the start" if metric.settled else "")
+        group = metric.word.group
+        if group == _ACCURACY and not with_errors:  # counts of tracks, without an error
+            if not of_many:
+                continue
+            group = _MANY
+        title = group + (", after the start" if metric.settled else "")
         out.setdefault(title, []).append(metric)
     return [_group(title, members, length_unit) for title, members in out.items()]
 
@@ -259,11 +330,11 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
     """Return the entries of nested mappings `values` with dotted paths that begin with `prefix`.
 
-    Entries that begin with `_` (provenance) and `plausible` are left out.
+    Provenance (names that begin with `_`), the verdict and the kind of identities are left out.
     """
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
-        if str(key).startswith("_") or key == "plausible":  # shown with its reasons elsewhere
+        if str(key).startswith("_") or key in ("plausible", INDEPENDENT_IDS):  # shown with reasons elsewhere
             continue
         if isinstance(value, Mapping):
             out += _flat(value, f"{prefix}{key}.")
@@ -278,7 +349,7 @@ def _parse(key: str, value: Value, length_unit: str) -> MetricValue:
     for word in LONGEST_FIRST:
         if not plain.startswith(word.base):
             continue
-        unit = length_unit if word.unit == LENGTH else word.unit if word.unit in ("px", "mrad") else ""
+        unit = {LENGTH: length_unit, AREA: f"{length_unit}2", "px": "px", "mrad": "mrad"}.get(word.unit, "")
         ending = f"_{re.escape(unit)}" if unit else ""
         if match := re.fullmatch(f"{word.base}{WHOSE}{ending}", plain):
             kind = next((k for k in ("target", "sensor", "box") if match[k] is not None), "")
@@ -307,7 +378,7 @@ def _figure(metric: MetricValue, length_unit: str) -> Figure:
 
 
 def _unit(word: Word, length_unit: str) -> str:
-    return {LENGTH: length_unit, SHARE: "%", "mrad": "°"}.get(word.unit, word.unit)
+    return {LENGTH: length_unit, AREA: f"{length_unit}²", SHARE: "%", "mrad": "°"}.get(word.unit, word.unit)
 
 
 def _shown(metric: MetricValue) -> str:

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from occlog.array_types import NS, Bools, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.parquet import read_provenance
 from occlog.io.open import open_input
@@ -31,7 +31,7 @@ from occlog.runner import Job
 from occlog.settings import METRES
 
 from .draw import BAR, FrameDrawing, LineDrawing, draw_shot, tile
-from .plan import GroundTrackPositions, OverlayTables, PlanRenderer, Trails, targets_of
+from .plan import GroundTrackPositions, OverlayTables, PlanRenderer, Trails, extent_of, targets_of
 from .stage import OverlayFrameRows, OverlayRig, frame_shot
 
 NO_IMAGE = "no image: lost"
@@ -157,10 +157,11 @@ class Pictures:
         self._trails = [Trails(asked.trail_s) for _ in names]
         self._numbers = [-1] * len(names)
         self._world = _world(asked, recording, scene, self._ranks, job)
-        shows_plan = asked.plan and self._world is not None and scene is not None
+        around = _around(asked, scene)
+        shows_plan = len(around) > 0
         self._columns = _columns(len(names) + shows_plan)
         self.scale = asked.scale or self._good_scale(len(names) + shows_plan)
-        self._plan = self._make_plan(scene) if shows_plan and scene is not None else None
+        self._plan = self._make_plan(scene, around) if shows_plan and scene is not None else None
         self._start = (recording.time_ns or (0, 0))[0]
 
     def _good_scale(self, cells: int) -> float:
@@ -170,10 +171,10 @@ class Pictures:
         most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)
         return float(min(max(1, round(GOOD_HEIGHT / height)), most))
 
-    def _make_plan(self, scene: Scene) -> PlanRenderer:
+    def _make_plan(self, scene: Scene, around: Floats) -> PlanRenderer:
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         size = (max(1, round(self.scale * width)), max(1, round(self.scale * height)))
-        return PlanRenderer(scene, METRES.get(scene.length_unit, 1.0), size, self._ranks)
+        return PlanRenderer(scene, around, METRES.get(scene.length_unit, 1.0), size, self._ranks)
 
     def strange(self) -> bool:
         """Whether the tracks in images have rows, but none of a frame so far."""
@@ -266,6 +267,13 @@ class Pictures:
             seconds = (t_ns - self._start) / NS
             pictures.append(self._plan.draw(self._world.crowd, self._world.true, t_ns, seconds))
         return tile(pictures, self._columns)
+
+
+def _around(asked: OverlayRequest, scene: Scene | None) -> Floats:
+    """(K, 2) points around which the plan is: the room, or else the tracks; none without a plan."""
+    if not asked.plan or asked.ground_tracks is None or scene is None:
+        return np.zeros((0, 2))
+    return extent_of(asked.ground_tracks) if scene.room is None else scene.room
 
 
 def _columns(cells: int) -> int:

@@ -47,19 +47,20 @@ MARK = 7.0
 class PlanRenderer:
     """Draws the plan of a scene in pictures of one size."""
 
-    def __init__(self, scene: Scene, metres: float, size: tuple[int, int], ranks: Mapping[int, int]) -> None:
+    def __init__(
+        self, scene: Scene, shown: Floats, metres: float, size: tuple[int, int], ranks: Mapping[int, int]
+    ) -> None:
         """Draw the static parts.
 
         Args:
-            scene: with a room, or sensors around which the plan is.
+            scene: room, occluders and sensors.
+            shown: (K, 2) points inside the plan, in addition to the sensors.
             metres: length of the scene's unit.
             size: width and height of the picture under its bar [px].
             ranks: position of each target among all by identity.
         """
         self._ranks, self._metres = ranks, metres
-        positions = [metres * sensor.position[:2] for sensor in placed(scene)]
-        corners = [metres * scene.surroundings] if scene.room is not None or len(positions) < 2 else []
-        everything = np.vstack([*corners, *positions])
+        everything = metres * np.vstack([shown, *(sensor.position[:2] for sensor in placed(scene))])
         low, high = everything.min(axis=0), everything.max(axis=0)
         free = (1.0 - 2.0 * MARGIN) * np.array(size)
         self._scale = float((free / np.maximum(high - low, 1e-9)).min())
@@ -270,3 +271,18 @@ def targets_of(paths: Mapping[Path, type[Tracks] | type[ViewTracks]]) -> dict[in
     found = (rows for path, table in paths.items() for rows in open_input(path).rows(table))
     names = {target for rows in found for target in np.unique(rows.target_id).tolist()}
     return {target: rank for rank, target in enumerate(sorted(names))}
+
+
+def extent_of(tracks: Path) -> Floats:
+    """(2, 2) lower and upper corner of the ground positions within three standard deviations of their mean."""
+    total, squares, count = np.zeros(2), np.zeros(2), 0
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for rows in open_input(tracks).rows(Tracks):
+        xy = np.column_stack([rows.x, rows.y])
+        low, high = np.minimum(low, xy.min(axis=0, initial=np.inf)), np.maximum(high, xy.max(axis=0, initial=-np.inf))
+        total, squares, count = total + xy.sum(axis=0), squares + (xy**2).sum(axis=0), count + len(xy)
+    if not count:
+        return np.zeros((0, 2))
+    mean = total / count
+    spread = 3.0 * np.sqrt(np.maximum(squares / count - mean**2, 0.0))
+    return np.vstack([np.maximum(low, mean - spread), np.minimum(high, mean + spread)])

@@ -377,8 +377,14 @@ HEIGHT = 0.72
 
 
 def watched(data: ReportInput) -> tuple[int, ...]:
-    """Targets with labelled bearings; -1 (any object) only if there is no other."""
-    return () if data.coverage is None else data.coverage.watched
+    """Targets with labelled bearings; -1 (any object) only if there is no other.
+
+    None of all people, if bearings have rows of detections alone: each sensor has then seen all of them.
+    """
+    coverage = data.coverage
+    if coverage is None or (data.everybody is not None and coverage.seen == coverage.rows):
+        return ()
+    return coverage.watched
 
 
 def sensors(data: ReportInput) -> tuple[str, ...]:

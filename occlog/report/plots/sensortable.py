@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,25 @@ def sensor_rows(data: ReportInput) -> list[SensorRow]:
     fits = _fits(data)
     names = sensors(data)
     return [SensorRow(label(n, 60), *_pose(data, n), *_counts(data, n), *fits.get(n, ("–", "–"))) for n in names]
+
+
+def sensor_columns(rows: Sequence[SensorRow], unit: str) -> list[tuple[str, str]]:
+    """Fields and headings of the columns with a value; observations only if some of them are no detection."""
+    heads = {
+        "kind": "Kind",
+        "position": f"Position [{unit}]",
+        "heading": "Heading [°]",
+        "fov": "Field of view [°]",
+        "frames": "Observations",
+        "seen": "Detected",
+        "share": "Detected [%]",
+        "residual": "Bearing residual [°]",
+        "fit": "Residual [σ]",
+    }
+    empty = {key for key in heads if all(getattr(row, key) == "–" for row in rows)}
+    if all(row.frames == row.seen for row in rows):
+        empty |= {"frames", "share"}
+    return [(key, head) for key, head in heads.items() if key not in empty]
 
 
 def _pose(data: ReportInput, name: str) -> tuple[str, str, str, str]:

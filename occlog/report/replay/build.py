@@ -55,6 +55,8 @@ class Replay:
         peaks: the largest errors, the largest first.
         cameras: names of the cameras that have images.
         plan: whether there is a floor plan.
+        errors: whether errors of the targets are known.
+        existence: whether probabilities of existence are known.
     """
 
     json: str
@@ -64,6 +66,8 @@ class Replay:
     peaks: list[Peak]
     cameras: list[str]
     plan: bool = True
+    errors: bool = False
+    existence: bool = False
 
 
 def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None:
@@ -89,6 +93,8 @@ def replay(data: ReportInput, images: Thumbnails | None = None) -> Replay | None
         _peaks(data),
         [] if images is None else list(images.cameras),
         plan=not data.in_images,
+        errors=values["compared"] and not data.in_images,
+        existence=values["existence"],
     )
 
 
@@ -108,7 +114,8 @@ def plan_values(data: ReportInput, steps: ReplaySteps) -> tuple[dict[str, Any], 
         "occluders": [] if data.scene is None else [_rounded(o.polygon) for o in data.scene.occluders],
         "sensors": sensors,
         "targets": list(data.targets),
-        "compared": steps.same or bool(steps.pairs),
+        "compared": bool(tables["truth"]) and (steps.same or bool(steps.pairs)),
+        "existence": data.everybody is not None and not data.in_images,
         "ellipse": CHI2_95_2D,
         "step": steps.step,
         "sigma": sigma,

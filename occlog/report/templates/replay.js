@@ -29,18 +29,20 @@
     data.events.map(([t, kind]) => [t, kind === "possible_switch" ? "hidden" : "muted"]),
   );
 
-  // ---- words
+  // ---- words; the table has no columns for what is not known
+  const withErrors = Boolean(plan.canvas && data.compared);
+  const names = [
+    "target", `x, y [${data.unit}]`, `σ [${data.unit}]`, ...(withErrors ? [`error [${data.unit}]`] : []),
+    ...(data.existence ? ["existence"] : []), "seen by", "remarks",
+  ];
   const wordsOf = (person, people, real) => {
     const at = data.compared ? real.targets.get(person.target) : undefined;
     return [
       String(data.targets[person.target]),
       plan.placeWords(person),
       person.known ? number(1.0 * Math.hypot(person.sx, person.sy)) : "–",
-      // Without a plan the table has no columns for these
-      ...(plan.canvas ? [
-        at ? number(Math.hypot(at[0] - person.at[0], at[1] - person.at[1])) : "–",
-        person.existence === null ? "–" : person.existence.toFixed(2),
-      ] : []),
+      ...(withErrors ? [at ? number(Math.hypot(at[0] - person.at[0], at[1] - person.at[1])) : "–"] : []),
+      ...(data.existence ? [person.existence === null ? "–" : person.existence.toFixed(2)] : []),
       plan.seenWords(person),
       plan.remarks(person, people),
     ];
@@ -55,7 +57,7 @@
           cell.scope = "row";
           cell.append(plan.dot(person.target));
         }
-        if (k && k < (plan.canvas ? 5 : 3)) cell.className = "n";
+        if (k && k < names.length - 2) cell.className = "n";
         cell.append(text);
         row.append(cell);
       });
@@ -89,7 +91,6 @@
     writeRows(now, playing);
     showPictures(now);
   });
-  const names = ["target", `x, y [${data.unit}]`, `σ [${data.unit}]`, `error [${data.unit}]`, "existence", "seen by", "remarks"];
   if (plan.canvas) tellWhatIsThere(plan, $("replay-tip"), (person) => (
     wordsOf(person, peopleAt(at), truthAt(at)).map((text, k) => `${names[k]}: ${text}`)
   ));

@@ -27,7 +27,7 @@ from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
 from occlog.pipeline.run.stage import RunStage, files_of, name_of
 from occlog.pipeline.run.stages import check_settings, plan, read_config
 from occlog.records.losses import Loss
-from occlog.records.tables import Particles, PeopleTracks, Tracks
+from occlog.records.tables import Boxes, Particles, PeopleTracks, Tracks, TruthBoxes
 
 SCENE = """
 occlog_scene: 1
@@ -234,6 +234,31 @@ def test_everybody_is_followed_by_boxes(tmp_path: Path, capsys: pytest.CaptureFi
     assert {"associations.parquet", "events.parquet", "view_tracks.parquet", "metrics.json", "report.html"} <= made
     assert len(read_table(tmp_path / "out" / "tracks.parquet", PeopleTracks))
     assert json.loads((tmp_path / "out" / "metrics.json").read_text())["idf1"] > 0.9
+
+
+@pytest.mark.jit
+def test_a_truth_of_boxes_alone_is_compared_with_the_tracks_in_the_images(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, missing = hall("ab"), boxes(hall("ab"), 2.0)
+    whole = boxes(scene, 2.0, miss=0.0, px=0.0)
+    true = {c.name: getattr(whole, c.name) for c in Boxes.columns()}
+    with RecordingWriter(tmp_path / "hall.mcap", scene, Provenance("test")) as out:
+        out.table(missing)
+        out.table(TruthBoxes(**true, visible=np.where(whole.box >= 0, 1.0, np.nan)))
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\nrecording: hall.mcap\ntrack: {method: jipda}\nevaluate: {fail_if: [idf1<1.1]}\n")
+    assert run(["run", str(config), "-o", str(tmp_path / "out"), "-q", "--json"]) == ExitCode.THRESHOLD
+    assert json.loads(capsys.readouterr().out)["metrics"]["idf1"] > 0.9
+    made = {path.name for path in (tmp_path / "out").iterdir()}
+    assert "metrics_in_images.json" in made
+    assert not made & {"metrics.json", "errors.parquet"}
+    assert "IDF1" in (tmp_path / "out" / "report.md").read_text()
+    tracks, page = str(tmp_path / "out" / "tracks.parquet"), tmp_path / "again.html"
+    assert run(["evaluate", tracks, "--truth", str(tmp_path / "hall.mcap")]) == ExitCode.BAD_INPUT
+    assert "view_tracks.parquet" in capsys.readouterr().err
+    assert run(["report", str(tmp_path / "out"), "-o", str(page), "--markdown", str(tmp_path / "again.md")]) == 0
+    assert "IDF1" in (tmp_path / "again.md").read_text()
 
 
 def test_a_run_simulates_people_and_draws_them_over_the_video(

@@ -84,7 +84,7 @@ def test_yolo_text_with_opencv_and_a_truth_that_counts_from_another_frame(folder
     assert code == ExitCode.DONE
     assert "boxes of class 0, person in COCO, of 0 (407), 56 (150)  [--set ingest.class=...]" in output
     assert "boxes count frames from 1, the truth from 0  [--set ingest.first_number=...]" in output
-    assert "not used: README.txt, costs.csv, notes.md: no format that is known" in output
+    assert "not used: README.txt, costs.csv, notes.md and 1 more: no format that is known" in output
     assert "not used: thumbnails: pictures that by their name are no camera's" in output
     assert ".git" not in output
     all_found(folder)
@@ -323,7 +323,7 @@ def test_what_cannot_be_used_is_one_line(folder: Path, start: Start) -> None:
     make.litter(folder)
     code, output = start()
     assert code == ExitCode.BAD_INPUT
-    assert "nothing to track: 5 files or folders of no known format; give videos" in output
+    assert "nothing to track: 6 files or folders of no known format; give videos" in output
     assert start(source=folder / "nothing")[0] == ExitCode.BAD_INPUT
     assert start("--set", "fps=25")[0] == ExitCode.USAGE
     assert start("--as", "README.txt=movie")[0] == ExitCode.USAGE
@@ -345,6 +345,21 @@ def test_cameras_of_other_names_are_not_guessed(folder: Path, start: Start) -> N
     assert code == ExitCode.DONE, output
     assert "camera c: not used, it has no calibration" in output
     assert "not used: b.json: as stated" in output
+
+
+def test_of_several_recordings_one_is_asked_for_and_nothing_is_left_behind(folder: Path, start: Start) -> None:
+    make.opencv(folder / "calib", hall("abc"))
+    for recording in ("walk1", "walk2"):
+        (folder / recording).mkdir()
+        for camera in CAMERAS:
+            make.coco(folder / recording / f"{camera}.json", camera)
+    code, output = start(*FPS)
+    assert code == ExitCode.BAD_INPUT
+    assert "1/walk1'; " in output
+    code, output = start("--set", "ingest.truth=[nothing.csv]", *FPS, "--as", "walk2=unused")
+    assert code == ExitCode.BAD_INPUT, output
+    assert not (folder.parent / "out").exists()
+    assert start(*FPS, "--as", "walk2=unused", "--write-only")[0] == ExitCode.DONE
 
 
 def test_ingest_notes_frames_that_count_from_another_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -353,7 +353,8 @@ def pictures(folder: Path, source: Path) -> Scene:
 def litter(folder: Path) -> None:
     """What lies about: notes, thumbnails, a hidden folder, a spreadsheet."""
     (folder / "README.txt").write_text("Recorded in the hall on Monday.\nAsk Ann before use.\n")
-    (folder / "notes.md").write_text("# To do\n")
+    (folder / "notes.md").write_text("# To do\nAs text: frame,id,x,y,z (px). Ask Ann before use.\nTwo lines\n")
+    (folder / "scene.md").write_text("# A scene\n```yaml\nocclog_scene: 1\n```\n")
     (folder / "thumbnails").mkdir()
     for number in range(4):
         cv2.imwrite(str(folder / "thumbnails" / f"thumb_{number}.jpg"), np.full((24, 32, 3), 60 * number, np.uint8))

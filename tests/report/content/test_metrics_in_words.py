@@ -7,6 +7,7 @@ import pytest
 from made_up import run
 
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.metric_names import OF_MANY
 from occlog.evaluate.stage import evaluate
 from occlog.report.content.metrics_in_words import WORDS, groups, number
 
@@ -94,6 +95,21 @@ def test_there_is_a_word_for_everything_that_evaluate_says() -> None:
         titles
     )
     assert sum(len(g.figures) for g in groups(found.metrics, "m")) > 60
+
+
+def test_there_is_a_word_and_a_unit_for_every_figure_of_many_targets() -> None:
+    own = set(OF_MANY.split()) - {"tracks_independent_ids"}
+    lengths = {"ospa2", "ospa2_localisation", "ospa2_cardinality", "ospa2_window", "tgospa", "matched_rmse"}
+    lengths |= {"matched_error_median", "matched_error_p95", "matched_gate"}
+    areas = {"tgospa_localisation", "tgospa_missed", "tgospa_false", "tgospa_switch"}
+    names = {f"{n}_m" if n in lengths else f"{n}_m2" if n in areas else n for n in own} | {"motp_m", "gospa_missed_m2"}
+    (group,) = groups(dict.fromkeys([*names, "tracks_independent_ids", "tracks"], 1.0), "m")
+    assert len(group.figures) == len(names) + 1
+    assert {f.unit for f in group.figures if f.name.startswith("trajectory GOSPA, ")} == {"m²"}
+
+
+def test_accuracy_without_an_error_is_left_out() -> None:
+    assert groups({"tracks": 2.0, "estimates_without_truth": 10.0}, "m") == []
 
 
 def test_no_word_twice() -> None:

@@ -13,6 +13,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.table_writer import write_table
+from occlog.io.formats.scenes.scene import scene_to_yaml
 from occlog.io.frames.codec import encode_image
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.declared.views import ViewTracks
@@ -112,6 +113,16 @@ def test_the_plan_shows_the_target_its_way_and_its_true_place(folder: Path) -> N
     true = plans[0][round(y) - 4 : round(y) + 5, round(x + scale) - 4 : round(x + scale) + 5]
     assert holds(true, WHITE, 90) > 5
     assert (plans[0] != plans[1]).any()  # the trail
+
+
+def test_without_a_room_the_plan_is_around_the_tracks(folder: Path) -> None:
+    alone = Scene((camera("east", 30.0, np.pi),))
+    (folder / "alone.yaml").write_text(scene_to_yaml(alone))
+    picture = frame(folder, "--scene", str(folder / "alone.yaml"), "--camera", "east")
+    plan = picture[BAR:, SIZE[0] + 4 :]
+    scale = 0.88 * SIZE[0] / (30.0 - PLACES[0, 0])
+    x, y = 99.5 + scale * (PLACES[2, 0] - 0.5 * (PLACES[0, 0] + 30.0)), 74.5 - scale * 0.1
+    assert holds(plan[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3], colour_of(0)) > 15
 
 
 def test_colours_are_those_of_the_report_in_the_dark() -> None:

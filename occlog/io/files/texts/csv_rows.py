@@ -30,6 +30,8 @@ from occlog.io.files.texts.by_reader import text_of
 
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200
+MAX_WORDS = 3
+"""Words of a column's name at most, where the lines of a text differ in their number of cells."""
 GZIP_MAGIC = b"\x1f\x8b"
 MISSING = ("", "nan", "none", "na", "<na>", "n/a", "#n/a", "null", r"\n", "nil", "-", "--", "nat")
 """What programs write for a value that is not there, in small letters."""
@@ -317,6 +319,14 @@ def commented_header(path: Path, what: str) -> list[str]:
     except InputError:
         return []  # whoever reads the rows describes the fault
     return names if 1 < len(names) == len(data) and not is_header(data) else []
+
+
+def is_prose(path: Path, what: str) -> bool:
+    """Whether the first line has a cell of many words, and another number of cells than the next line."""
+    with _open_text(path, what) as file:
+        lines = _split(path, file)
+        first, second = next(lines, (0, []))[1], next(lines, (0, []))[1]
+    return len(first) != len(second) and any(len(cell.split()) > MAX_WORDS for cell in first)
 
 
 def is_header(cells: Sequence[str]) -> bool:

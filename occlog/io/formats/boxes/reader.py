@@ -594,7 +594,7 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         if double is not None:
             raise InputError(
                 f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one states that "
-                "nothing was detected; join the files",
+                "nothing was detected; give one of them, or join those of one recording",
                 id="conflicting-values",
             )
     found.files.append(str(file.path))
