@@ -289,7 +289,7 @@ def _videos(fault: Fault | None, *, container: bool = False) -> Callable[[Path, 
             rows = [f"{k},{factor * t:.6f}" for k, t in enumerate(since.tolist())]
             stamps[c].write_text("\n".join(["frame,time", *rows]) + "\n")
         videos = {c: folder / f"{c}.mkv" for c in CAMERAS}
-        given = {} if container else {"timestamps": stamps}
+        given: dict[str, Any] = {} if container else {"timestamps": stamps}
         said = _said(
             lambda: occlog.ingest(
                 video=videos, allow_uncalibrated=True, store="link", output=folder / "made.mcap", **given
