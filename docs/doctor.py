@@ -46,7 +46,8 @@ The times of each camera, array, reader and topic are checked, of text tables wi
 * **Gaps** are reported for regular sensors: those with at least {MIN_INTERVALS} intervals, of which
   {REGULAR_SHARE:.0%} are between {REGULAR_FROM:g} and {REGULAR_TO:g} times their median. An interval longer than
   {GAP_INTERVALS:g} times the median is a gap; one lost frame is not. If the frame numbers continue through it, no
-  frame is lost: the clock has jumped. Reads of tags, directions of sound, tracks and files of boxes of one camera are
+  frame is lost: the clock has jumped. In bags, jumps and drifts of header stamps against the times of
+  recording are reported. Reads of tags, directions of sound, tracks and files of boxes of one camera are
   not checked for gaps, because a missing row there is a missing detection.
 * **Epochs.** Times since 1970 lie between 2000 and 2100. Those that do so only when taken for seconds,
   milliseconds or microseconds were written in that unit. Times relative to the start of a recording are

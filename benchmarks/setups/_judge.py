@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterable
+from datetime import datetime
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,21 +33,44 @@ class Said(NamedTuple):
         return f"{self.stage}: {self.id}: {', '.join(self.sensors)}: {self.text}"
 
 
+DATE = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+Z")
+QUANTITY = re.compile(r"([-+]?\d[\d.]*(?:e[-+]?\d+)?)(?= (?:to [-+\d.e]+ )?(?:s|ppm|times|lost|frames|messages)\b)")
+MAX_SIZE_ERROR = 0.05
+"""Relative error of the size of a fault that counts as named."""
+
+
 class Answer(NamedTuple):
     """What a set-up must be answered with.
 
     Attributes:
         cause: regular expression that id or text must match.
         sensors: one of them must be named; empty: any.
+        size: of the fault [s, ppm, or a factor or count], within `MAX_SIZE_ERROR`; NaN: need not be named.
+        slack: by how much the size [s], or the difference of two times that are named, may differ from it besides.
+        alike: another size that is as good, or its inverse; NaN: none is.
     """
 
     cause: str
     sensors: tuple[str, ...] = ()
+    size: float = math.nan
+    slack: float = 0.0
+    alike: float = math.nan
 
     def fits(self, said: Said) -> bool:
-        """Whether a warning or refusal names the cause, and the sensor."""
+        """Whether a warning or refusal names the cause, the sensor, and the size or two times that differ by it."""
         named = not self.sensors or any(re.search(rf"\b{re.escape(name)}\b", str(said)) for name in self.sensors)
-        return named and re.search(self.cause, f"{said.id}: {said.text}") is not None
+        return named and re.search(self.cause, f"{said.id}: {said.text}") is not None and self._sized(said.text)
+
+    def _sized(self, text: str) -> bool:
+        if math.isnan(self.size):
+            return True
+        dates = [datetime.fromisoformat(each).timestamp() for each in DATE.findall(text)]
+        sizes = [float(each) for each in QUANTITY.findall(DATE.sub("", text))]
+        apart = [abs(a - b) for a, b in combinations([*dates, *sizes], 2)]
+        wanted = (self.size, self.alike, 1.0 / self.alike)
+        return any(abs(abs(each) - size) <= MAX_SIZE_ERROR * size for each in sizes for size in wanted) or any(
+            abs(abs(each) - self.size) <= MAX_SIZE_ERROR * self.size + self.slack for each in (*apart, *sizes)
+        )
 
 
 def warned(stage: str, result: Any) -> list[Said]:

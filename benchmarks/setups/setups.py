@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from benchmarks.setups._clocks import CLOCKS
 from benchmarks.setups._faults import CALIBRATIONS, FAULTS
 from benchmarks.setups._judge import ROTATED, Answer, Said, people
 from benchmarks.setups._others import OTHERS
@@ -35,7 +36,9 @@ LIMIT = 0.1
 SEED, QUICK = 50_000, 10
 """First seed, and every how manieth set-up the quick choice takes."""
 RIGS, PER_SIZE = (2, 4, 8), 20
-GROUPS = ("faults", "clean", "rigs", "sound-rigs", "calibrations")
+GROUPS = ("faults", "clean", "rigs", "sound-rigs", "calibrations", "clocks", "sound-clocks")
+SOUND_CLOCKS = 3
+"""Recordings without a fault of each kind of `CLOCKS`."""
 
 
 class Case(NamedTuple):
@@ -83,11 +86,25 @@ def _other_case(kind: str, seed: int, faulty: bool) -> Case:
     return Case(f"{kind}{'' if faulty else ': sound'}, seed {seed}", run)
 
 
+def _clock_case(kind: str, seed: int, faulty: bool) -> Case:
+    """Files with times."""
+
+    def run(folder: Path) -> tuple[list[Said], Answer | None]:
+        said, answer = CLOCKS[kind].run(folder, seed, faulty)
+        return said, answer if faulty else None
+
+    return Case(f"{kind}{'' if faulty else ': sound'}, seed {seed}", run)
+
+
 def cases(group: str, seed: int) -> Iterator[Case]:
     """Set-ups of a group; seeds of different groups differ."""
     if group == "calibrations":
         kinds = [kind for kind, fault in CALIBRATIONS.items() for _ in range(fault.count)]
         yield from (_rig_case(kind, seed + 4000 + n) for n, kind in enumerate(kinds))
+    elif group in ("clocks", "sound-clocks"):
+        faulty = group == "clocks"
+        chosen = [kind for kind, each in CLOCKS.items() for _ in range(each.count if faulty else SOUND_CLOCKS)]
+        yield from (_clock_case(kind, seed + (5000 if faulty else 6000) + n, faulty) for n, kind in enumerate(chosen))
     elif group == "faults":
         kinds = [kind for kind, fault in FAULTS.items() for _ in range(fault.count)]
         yield from (_rig_case(kind, seed + n) for n, kind in enumerate(kinds))

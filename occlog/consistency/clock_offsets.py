@@ -1,6 +1,12 @@
-"""Known differences of clocks from UTC, by which an offset between two sensors or tables is explained."""
+"""Offsets of clocks: known differences from UTC, and steps and drifts of one clock against another."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats
 
 MAX_CLOCK_ERROR_S = 0.6
 """Largest distance of an offset from a known one [s]."""
@@ -34,3 +40,181 @@ def cause_of(offset_s: float, slack_s: float = MAX_CLOCK_ERROR_S) -> str:
     if 1.0 <= abs(quarters) <= MAX_ZONES and abs(offset_s - round(quarters) * ZONE_S) <= slack_s:
         return " (a time zone)"
     return " (times since a start)" if abs(offset_s) > MIN_EPOCH_S else ""
+
+
+MAX_BLOCKS = 256
+"""Blocks of a comparison of two clocks; of more, pairs are joined."""
+MIN_BLOCKS = 16
+"""Fewer blocks determine no change of a clock."""
+STALLED = 0.05
+"""Share of the blocks in which a recorder may stall."""
+MIN_STEP_S = 0.3
+"""Smallest step of a clock that is stated [s]."""
+MIN_DRIFT_S, MIN_DRIFT_SIGMAS = 0.015, 8.0
+"""Smallest change by drift over a recording that is stated [s], also in standard deviations of the offsets."""
+REWEIGHTED, LEAST_OFF_S = 20, 1e-5
+"""Iterations of reweighted least squares, and difference [s] below which all have one weight."""
+MAX_SPREAD, MAX_UNEVEN = 0.3, 0.5
+"""Largest spread of offsets before or after a step, relative to it, and difference of the drifts of both halves."""
+
+
+class ClockChange(NamedTuple):
+    """How the offset of a clock from another one changes.
+
+    Attributes:
+        step_s: by how much it was set forward (negative: back) [s]; 0: it was not.
+        at: index of the first offset after the step.
+        drift: seconds that it gains per second of the other clock; 0: none that is significant.
+    """
+
+    step_s: float
+    at: int
+    drift: float
+
+
+def change_of(t_s: Floats, offset_s: Floats) -> ClockChange:
+    """Step and drift of a clock by its offsets (n,) from another one at the times (n,) of that one [s]."""
+    if len(t_s) < MIN_BLOCKS:
+        return ClockChange(0.0, 0, 0.0)
+    since_s, at = t_s - t_s[0], _split(offset_s)
+    line, _ = _line(since_s, offset_s, at)
+    before, after = offset_s[:at], offset_s[at:]
+    off_s = max(
+        max(float(np.subtract(*np.quantile(part, [0.9, 0.1]))) for part in (before, after)),
+        abs(line[2] - float(offset_s[at] - offset_s[at - 1])),
+        abs(line[2] - float(np.median(after) - np.median(before))),
+    )
+    if abs(line[2]) < MIN_STEP_S or off_s > MAX_SPREAD * abs(line[2]):
+        return ClockChange(0.0, 0, _significant_drift(since_s, offset_s, 0))
+    return ClockChange(float(line[2]), at, _significant_drift(since_s, offset_s, at))
+
+
+def _split(offset_s: Floats) -> int:
+    """Index of the first offset after the most probable step, by least squares."""
+    n, near = len(offset_s), MIN_BLOCKS // 4
+    count = np.arange(1, n)
+    sums = np.cumsum(offset_s - offset_s.mean())[:-1]
+    gain = (sums**2 / (count * (n - count)))[near - 1 : n - near]
+    k = int(np.argmax(gain)) + near
+    window = np.abs(np.diff(offset_s))[k - near : k + near - 1]
+    return k - near + 1 + int(np.argmax(window))
+
+
+def _line(t_s: Floats, offset_s: Floats, at: int) -> tuple[Floats, float]:
+    """(3,) slope, constant and step of offsets at the index `at` (0: none) by least absolute differences.
+
+    The second value is their standard deviation.
+    """
+    design = np.column_stack([t_s, np.ones(len(t_s)), np.arange(len(t_s)) >= at])[:, : 3 if at else 2]
+    line, off = np.zeros(3), np.ones(len(t_s))
+    for _ in range(REWEIGHTED):
+        root = 1.0 / np.sqrt(np.maximum(off, LEAST_OFF_S))
+        line[: design.shape[1]] = np.linalg.lstsq(design * root[:, None], offset_s * root, rcond=None)[0]
+        off = np.abs(offset_s - design @ line[: design.shape[1]])
+    return line, 1.5 * float(np.median(off))
+
+
+def _significant_drift(t_s: Floats, offset_s: Floats, at: int) -> float:
+    """Slope of offsets with a step at the index `at` (0: none); 0: it is not significant, or not even."""
+    line, sigma = _line(t_s, offset_s, at)
+    total = abs(line[0]) * t_s[-1]
+    if total < max(MIN_DRIFT_S, MIN_DRIFT_SIGMAS * sigma):
+        return 0.0
+    rest = offset_s - line[2] * (np.arange(len(t_s)) >= at)
+    first = t_s < 0.5 * t_s[-1]
+    slopes = [_line(t_s[half], rest[half], 0)[0][0] for half in (first, ~first)]
+    return float(line[0]) if max(abs(s - line[0]) for s in slopes) <= MAX_UNEVEN * abs(line[0]) else 0.0
+
+
+class _Block(NamedTuple):
+    """Successive times by a clock, and those of their reception.
+
+    Attributes:
+        received_ns: first time of reception.
+        delay_ns: least delay of reception.
+        change_ns: largest change of the delay from one time to the next, by size.
+        before_ns, after_ns: times of reception before and after it.
+    """
+
+    received_ns: int
+    delay_ns: int
+    change_ns: int
+    before_ns: int
+    after_ns: int
+
+    def joined(self, other: _Block) -> _Block:
+        """Both blocks as one."""
+        largest = max(self, other, key=lambda block: abs(block.change_ns))
+        return largest._replace(received_ns=self.received_ns, delay_ns=min(self.delay_ns, other.delay_ns))
+
+
+class ReceivedChange(NamedTuple):
+    """How a clock changes against the times of reception.
+
+    Attributes:
+        step_s: by how much it was set forward (negative: back) [s]; 0: it was not.
+        before_ns: time of reception before the step.
+        drift: seconds that it gains per second; 0: none that is significant.
+        by_recorder: the step is one of the times of reception, in the other direction.
+    """
+
+    step_s: float
+    before_ns: int
+    drift: float
+    by_recorder: bool
+
+
+class ReceivedTimes:
+    """Times by a clock against those of reception, in bounded memory.
+
+    A recorder that stalls delays what it receives for a while; the least delay of each block is not affected by it.
+    """
+
+    def __init__(self) -> None:
+        """Start without times."""
+        self._blocks: list[_Block] = []
+        self._size, self._in_last = 1, 0
+        self._last: tuple[int, int] | None = None  # time by the clock, and delay
+
+    def add(self, t_ns: int, received_ns: int) -> None:
+        """Add a time by the clock and that of its reception [ns]; one that repeats does not count."""
+        if self._last is not None and t_ns == self._last[0]:
+            return
+        delay = received_ns - t_ns
+        change = 0 if self._last is None else delay - self._last[1]
+        before = received_ns if self._last is None else self._last[0] + self._last[1]
+        self._last = t_ns, delay
+        one = _Block(received_ns, delay, change, before, received_ns)
+        if not self._blocks or self._in_last == self._size:
+            self._blocks.append(one)
+            self._in_last = 0
+            if len(self._blocks) > MAX_BLOCKS:
+                pairs = zip(self._blocks[0:-1:2], self._blocks[1:-1:2], strict=True)
+                self._blocks = [*(a.joined(b) for a, b in pairs), one]
+                self._size *= 2
+        else:
+            self._blocks[-1] = self._blocks[-1].joined(one)
+        self._in_last += 1
+
+    @property
+    def range_s(self) -> tuple[float, float]:
+        """Range of the least delays of blocks [s], without the `STALLED` share at each end; (0, 0) without any."""
+        delays = np.array([block.delay_ns for block in self._blocks] or [0]) / NS
+        low, high = np.quantile(delays, [STALLED, 1.0 - STALLED]).tolist()
+        return low, high
+
+    def change(self) -> ReceivedChange:
+        """How the clock changes against the times of reception."""
+        if not self._blocks:
+            return ReceivedChange(0.0, 0, 0.0, by_recorder=False)
+        first = self._blocks[0]
+        t_s = np.array([(block.received_ns - first.received_ns) / NS for block in self._blocks])
+        offset_s = np.array([(first.delay_ns - block.delay_ns) / NS for block in self._blocks])
+        step_s, at, drift = change_of(t_s, offset_s)
+        if not step_s:
+            return ReceivedChange(0.0, 0, drift, by_recorder=False)
+        block = max(self._blocks[max(at - 1, 0) : at + 1], key=lambda each: abs(each.change_ns))
+        later_ns = block.after_ns - block.before_ns
+        # One of both clocks goes on as ever
+        by_recorder = abs(later_ns) > abs(later_ns - block.change_ns)
+        return ReceivedChange(step_s, block.before_ns, drift, by_recorder=by_recorder)

@@ -18,6 +18,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.consistency.clock_offsets import ReceivedTimes, cause_of
 from occlog.console.text import counted
 from occlog.errors import InputError, OcclogError, UsageError, option
 from occlog.io.files.timing.frame_times import FrameTimes, to_world_time
@@ -68,6 +69,8 @@ BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
 OTHER_START_S = 1e8
 """Header stamps this much before the times of recording do not count from 1970."""
+ALIKE = 0.1
+"""Relative difference of drifts of clocks up to which they are one, of the clock that they are compared with."""
 ROUNDED = 1e-6
 """Calibrations that differ by less than this are the same."""
 STEEP = math.cos(math.radians(30))
@@ -277,14 +280,16 @@ class _CameraState:
     last: int | None = None
     first: int | None = None
     number: int = 0
-    late: int = 0
-    first_late: str = ""
+    back: int = 0
+    first_back: str = ""
     back_ns: int = 0
+    repeats: int = 0
+    first_repeat: str = ""
     damaged: int = 0
     resized: int = 0
     reason: str = ""
     by_log: bool | None = None
-    difference_range: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
+    received: ReceivedTimes = field(default_factory=ReceivedTimes)
     taken: int = 0
 
     def skip(self, log_ns: int, t_ns: int) -> None:
@@ -293,13 +298,12 @@ class _CameraState:
         `log_ns` is when it was recorded, `t_ns` its own time [ns].
         """
         back_ns = (self.last or 0) - t_ns
-        self.first_late = self.first_late or f"the first after message {self.taken - 1}, recorded {utc(log_ns)}"
-        self.late, self.back_ns = self.late + 1, max(self.back_ns, back_ns)
-
-    @property
-    def lateness(self) -> str:
-        """Description of repeated or decreasing times: position and largest step back."""
-        return f"by up to {self.back_ns / 1e9:.3g} s, {self.first_late}"
+        where = f"the first after message {self.taken - 1}, recorded {utc(log_ns)}; these messages were skipped"
+        if back_ns:
+            self.first_back, self.back = self.first_back or where, self.back + 1
+            self.back_ns = max(self.back_ns, back_ns)
+        else:
+            self.first_repeat, self.repeats = self.first_repeat or where, self.repeats + 1
 
 
 class GatheredVideo:
@@ -507,12 +511,8 @@ class Taking:
             state.by_log = self.plan.timestamp_source == "log" or header.stamp_ns == 0
         if not header.stamp_ns and not state.by_log:
             raise InputError("its header has no time", id="missing-times")
-        difference = (message.log_ns - header.stamp_ns) / 1e9
         if header.stamp_ns:
-            state.difference_range = [
-                min(state.difference_range[0], difference),
-                max(state.difference_range[1], difference),
-            ]
+            state.received.add(header.stamp_ns, message.log_ns)
         t_ns = message.log_ns if state.by_log else header.stamp_ns
         state.first = t_ns if state.first is None else state.first
         clock = self._clocks.get(self._name(message.topic))
@@ -650,7 +650,8 @@ class Taking:
             reason = state.reason or (self._streams[topic].reason if topic in self._streams else "")
             first = f"; the first: {reason}" if reason else ""
             for count, what in (
-                (state.late, f"time stamps repeat or go back, {state.lateness}; these messages were skipped"),
+                (state.back, f"time stamps go back, by up to {state.back_ns / 1e9:.3g} s, {state.first_back}"),
+                (state.repeats, f"time stamps repeat, {state.first_repeat}"),
                 (state.damaged, f"messages that cannot be used were skipped{first}"),
                 (state.resized, f"images of another size than {state.sized} were skipped"),
             ):
@@ -664,20 +665,43 @@ class Taking:
     def checks(self) -> tuple[Check, ...]:
         """Checks of the messages, available after the last one."""
         counts = (finding(COUNTS, "bag-count-differs", topic=t, remark=note) for t, note in self.bag.remarks.items())
-        clocks = (check for topic, state in self._states.items() for check in self._topic_clocks(topic, state))
+        clocks = [check for topic, state in self._states.items() for check in self._topic_clocks(topic, state)]
         given = self.plan.image_size is not None
         extents = self._extents.checks(self._cameras.values(), given=given) if self._boxes else ()
-        return (*outcome(COUNTS, counts), *outcome(STAMPS, clocks), *extents)
+        return (*outcome(COUNTS, counts), *outcome(STAMPS, _by_recorder(clocks, len(self._states))), *extents)
 
     def _topic_clocks(self, topic: str, state: _CameraState) -> Iterator[Check]:
         """Report if header stamps and recording times of a topic differ, or if header stamps are missing."""
         if state.by_log and self.plan.timestamp_source != "log":
             yield finding(STAMPS, "stamps-missing", topic=topic)
-        low, high = state.difference_range
-        if max(abs(low), abs(high)) > CLOCKS_APART_S and math.isfinite(low):
+        sensors = [self._name(topic) or topic]
+        low, high = state.received.range_s
+        step_s, before_ns, drift, by_recorder = state.received.change()
+        if step_s and by_recorder:
+            what = f"jump by {-step_s:.6g} s at {utc(before_ns)}"
+            yield finding(STAMPS, "recorder-clock", what=what, size=-step_s)
+        elif step_s and not state.by_log:
+            time, cause = utc(before_ns), cause_of(step_s)
+            yield finding(STAMPS, "clock-jump", "warning", sensors=sensors, jump_s=step_s, time=time, cause=cause)
+        if drift and not state.by_log:
+            yield finding(STAMPS, "clock-drift", sensors=sensors, ppm=1e6 * drift, other="the times of recording")
+        if max(abs(low), abs(high)) > CLOCKS_APART_S and not (step_s and min(abs(low), abs(high)) < CLOCKS_APART_S):
             used = "times of recording" if state.by_log else "header stamps"
-            kind = "stamps-since-boot" if low > OTHER_START_S else "stamps-late"
-            yield finding(STAMPS, kind, topic=topic, low_s=low, high_s=high, used=used)
+            kind, cause = "stamps-since-boot" if low > OTHER_START_S else "stamps-late", cause_of(low)
+            yield finding(STAMPS, kind, sensors=sensors, topic=topic, low_s=low, high_s=high, used=used, cause=cause)
+
+
+def _by_recorder(checks: Sequence[Check], topics: int) -> Iterator[Check]:
+    """Findings of topics; a clock of the recorder is stated once, also if all topics drift from it alike."""
+    drifts = [check for check in checks if check.id == "clock-drift"]
+    ppm = [check.figures["ppm"] for check in drifts]
+    alike = topics > 1 and len(ppm) == topics and max(ppm) - min(ppm) < ALIKE * max(map(abs, ppm))
+    if alike:
+        size = -float(np.median(ppm))
+        yield finding(STAMPS, "recorder-clock", what=f"gain {size:+.4g} ppm", size=size)
+    others = [check for check in checks if not (alike and check.id == "clock-drift")]
+    first = next((check for check in others if check.id == "recorder-clock"), None)
+    yield from (check for check in others if check.id != "recorder-clock" or check is first)
 
 
 def _is_same(a: InfoMessage, b: InfoMessage) -> bool:

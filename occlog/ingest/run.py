@@ -142,7 +142,7 @@ def _ingest(plan: IngestPlan, job: Job, done: Ingested) -> tuple[dict[str, objec
             note(f"{'camera' if len(names) == 1 else 'cameras'} {listed(names)}: {text}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         made = replace(provenance, parameters=parameters, losses=tuple(done.losses))
-        judged = job.judged(made, (*done.checks, *done.seen.checks(), *source_checks(plan, sources, survey)))
+        judged = job.judged(made, (*done.checks, *done.seen.checks(), *source_checks(plan, sources, survey, times)))
         writer.annotate(judged)
     return {**_summary(plan, done), **summary_of(judged.judged)}, done.losses
 

@@ -2,39 +2,58 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
-from occlog.array_types import NS
+import numpy as np
+
+from occlog.array_types import NS, Ints
+from occlog.consistency.clock_offsets import MIN_BLOCKS, ClockChange, cause_of, change_of
+from occlog.io.files.timing.frame_times import FrameTimes, is_unit_factor
+from occlog.io.files.timing.utc import utc
 from occlog.io.formats.boxes.reader import BoxSurvey, counter_bits
 from occlog.io.frames.camera_source import CameraSource
+from occlog.records.messages import listed
 from occlog.records.verdicts import Check, finding, outcome
 
 from .plan import IngestPlan
 
 PICTURES, STARTS, SIDECARS, ENDS = "picture metadata", "video start times", "unit of time stamps", "frames with boxes"
+CLOCKS = "clocks by frame numbers"
 """Names of checks."""
-UNIT_FACTORS, UNIT_TOLERANCE = (1e3, 1e6, 1e9), 1.5
-"""Ratios of units of time, and how much a ratio of durations may differ from one that states a wrong unit."""
 MIN_START_S = 0.1
 """Time stamp of a first frame [s] from which it is noted; a container may count from the first packet."""
 MAX_BOXLESS_SHARE = 0.1
 """Share of frames after a camera's last box above which the numbering of the boxes is doubtful."""
 STRIDE_TOLERANCE = 0.05
 """Relative difference of a ratio of frames to a whole number that may be a stride."""
+MAX_COMPARED, MAX_LATER_FRAMES, MIN_OFF_FRAMES = 2000, 1, 3
+"""Frames of two cameras that are compared; numbers by which their last frames may differ, and frame intervals by which
+their times must if one clock is off: a camera of another rate, or with frames missing, has other numbers instead."""
+NTSC_PPM, NTSC_TOLERANCE_PPM = 1000.0, 3.0
+"""Rates of 30 and 30000/1001 fps differ by this [ppm]."""
 
 
-def source_checks(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey | None) -> tuple[Check, ...]:
-    """Checks of the videos and images of cameras, and of boxes against the frames of the same cameras.
+def source_checks(
+    plan: IngestPlan,
+    sources: Sequence[CameraSource],
+    survey: BoxSurvey | None,
+    times: Mapping[str, FrameTimes],
+) -> tuple[Check, ...]:
+    """Checks of the videos and images of cameras, of boxes of the same frames, and of the times of cameras' frames.
 
     Args:
         plan: inputs and options.
         sources: cameras with a video or images.
         survey: of the box files; None: there are none.
+        times: of the frames, by camera.
 
     Returns:
-        The checks, with findings: properties of pictures, starts of videos, units of time stamp files, ends of boxes.
+        The checks, with findings: properties of pictures, starts of videos, units of time stamp files, clocks, ends of
+        boxes.
     """
+    stamped = {} if plan.frames else _stamped(sources, survey, times)
+    no_times = "no two cameras have times of frames"
     no_video = "" if plan.video else "there is no video"
     no_sidecar = "" if plan.video and plan.timestamps else "no video has time stamps in a file"
     numbers = [] if survey is None else [*_restarts(survey)]
@@ -44,6 +63,7 @@ def source_checks(plan: IngestPlan, sources: Sequence[CameraSource], survey: Box
         *outcome(PICTURES, _facts(sources), unless="" if sources else "there are no pictures"),
         *outcome(STARTS, _starts(plan, sources), unless=no_video),
         *outcome(SIDECARS, _units(sources), unless=no_sidecar),
+        *outcome(CLOCKS, clock_faults(stamped), unless="" if len(stamped) > 1 else no_times),
         *outcome(ENDS, numbers, unless="" if both or numbers else "no camera has pictures and boxes"),
     )
 
@@ -79,8 +99,8 @@ def _units(sources: Sequence[CameraSource]) -> Iterator[Check]:
         if table is None or len(table) < 2 or not rate or not frames or not source.times.source.startswith("sidecar"):
             continue
         ratio = float(table[-1] - table[0]) / (len(table) - 1) * rate / NS
-        if any(abs(math.log(max(ratio, 1 / ratio) / factor)) < math.log(UNIT_TOLERANCE) for factor in UNIT_FACTORS):
-            yield finding(SIDECARS, "time-stamps-unit", sensors=[source.name], ratio=ratio)
+        if is_unit_factor(ratio):
+            yield finding(SIDECARS, "time-stamps-unit", sensors=[source.name], ratio=ratio, other="its video")
 
 
 def _restarts(survey: BoxSurvey) -> Iterator[Check]:
@@ -116,3 +136,93 @@ def _ends(plan: IngestPlan, sources: Sequence[CameraSource], survey: BoxSurvey |
             is_stride = stride > 1 and abs(frames / stop / stride - 1) < STRIDE_TOLERANCE
             hint = f"if they are of every frame in {stride}, number them so" if is_stride else "check their numbers"
             yield finding(ENDS, "boxes-end-early", sensors=[source.name], last=stop - 1, frames=frames, hint=hint)
+
+
+class StampedFrames(NamedTuple):
+    """Times of the numbered frames of a camera.
+
+    Attributes:
+        first: number of the first frame.
+        t_ns: (n,) times of this and the following frames [ns].
+        counted: a file states the numbers; otherwise they are those of the frames that were stored.
+    """
+
+    first: int
+    t_ns: Ints
+    counted: bool
+
+    @property
+    def stop(self) -> int:
+        """Number after that of the last frame."""
+        return self.first + len(self.t_ns)
+
+
+def _stamped(
+    sources: Sequence[CameraSource], survey: BoxSurvey | None, times: Mapping[str, FrameTimes]
+) -> dict[str, StampedFrames]:
+    """Times of the frames of each camera that has one for every frame."""
+    ranges = {} if survey is None else {name: (each.start, each.stop, True) for name, each in survey.ranges.items()}
+    ranges |= {source.name: (0, source.decoder.frames or 0, False) for source in sources}
+    found = {}
+    for name, (first, stop, counted) in ranges.items():
+        table = times[name].table_ns if name in times else None
+        if table is not None and min(stop, len(table)) - first > MIN_BLOCKS:
+            found[name] = StampedFrames(first, table[first:stop], counted)
+    return found
+
+
+def clock_faults(stamped: Mapping[str, StampedFrames]) -> Iterator[Check]:
+    """Report cameras with a clock that was set or drifts, by the times of frames of equal numbers of other cameras."""
+    drifts: dict[str, list[tuple[str, float]]] = {}
+    offset: set[str] = set()
+    for name, own in stamped.items():
+        changes = {other: _change(own, each) for other, each in stamped.items() if other != name}
+        steps = [change.step_s for change in changes.values() if change.step_s > 0.0]
+        if 2 * len(steps) >= len(changes) and steps:
+            step_s, time = float(np.median(steps)), utc(int(own.t_ns[np.argmax(np.diff(own.t_ns))]))
+            yield finding(CLOCKS, "clock-jump", "warning", sensors=[name], jump_s=step_s, time=time, cause="")
+        drifting = [(other, 1e6 * change.drift) for other, change in changes.items() if change.drift]
+        if 2 * len(drifting) > len(changes):
+            drifts[name] = drifting
+        others = [other for other in stamped if other != name and other not in offset]
+        starts_s = [start_s for other in others if cause_of(start_s := _begins_later(own, stamped[other]))]
+        if 2 * len(starts_s) > len(others) and not steps and not drifting:
+            offset.add(name)
+            start_s, cause = float(np.median(starts_s)), cause_of(starts_s[0])
+            yield finding(CLOCKS, "clock-offset", sensors=[name], offset_s=start_s, other=listed(others), cause=cause)
+    if len(stamped) == 2 and drifts:
+        drifts.popitem()  # either may be the one
+    for name, drifting in drifts.items():
+        ppm = float(np.median([each for _, each in drifting]))
+        compared = f"those of {listed([other for other, _ in drifting])} by the frame numbers"
+        yield finding(CLOCKS, "clock-drift", sensors=[name], ppm=ppm, other=compared)
+
+
+def _ends_alike(own: StampedFrames, other: StampedFrames) -> bool:
+    """Whether the last frames of two cameras have the same number, about."""
+    return abs(own.stop - other.stop) <= MAX_LATER_FRAMES
+
+
+def _begins_later(own: StampedFrames, other: StampedFrames) -> float:
+    """Time from the first frame of a camera to that of another with as many frames [s]; 0: they have no common time."""
+    if not _ends_alike(own, other) or own.t_ns[0] > other.t_ns[-1] or other.t_ns[0] > own.t_ns[-1]:
+        return 0.0
+    return float(own.t_ns[0] - other.t_ns[0]) / NS
+
+
+def _change(own: StampedFrames, other: StampedFrames) -> ClockChange:
+    """Change of the clock of a camera relative to that of another one, by frames of the same numbers."""
+    first = max(own.first, other.first)
+    count = min(own.stop, other.stop) - first
+    alike = _ends_alike(own, other)
+    if count < MIN_BLOCKS or not (alike or own.counted):
+        return ClockChange(0.0, 0, 0.0)
+    stride = max(count // MAX_COMPARED, 1)
+    mine, its = (each.t_ns[first - each.first :][:count:stride] for each in (own, other))
+    t_s, offset_s = (its - its[0]) / NS, ((mine - mine[0]) - (its - its[0])) / NS
+    found, least_s = change_of(t_s, offset_s), MIN_OFF_FRAMES * float(np.median(np.diff(its))) / NS / stride
+    rates = abs(abs(1e6 * found.drift) - NTSC_PPM) < NTSC_TOLERANCE_PPM
+    drifts = alike and abs(found.drift) * t_s[-1] >= least_s and not rates
+    return found._replace(
+        step_s=found.step_s if abs(found.step_s) > least_s else 0.0, drift=found.drift if drifts else 0.0
+    )

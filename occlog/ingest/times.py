@@ -10,6 +10,7 @@ import numpy as np
 from occlog.array_types import NS, Ints, Ints32
 from occlog.consistency.clock_offsets import cause_of
 from occlog.consistency.frozen import FrozenCameras
+from occlog.io.files.timing.frame_times import is_unit_factor
 from occlog.io.files.timing.utc import utc
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.columns import ColumnTable
@@ -28,10 +29,11 @@ MAX_TRUE_RATE_HZ = 2000.0
 """Rate of true positions [Hz] above which their times have another unit: those of days are some 100,000 Hz."""
 FEWEST, JUMP, JUMP_NS = 20, 0.5, 60 * NS
 """Minimum number of frames for a check; share of the duration and minimum length [ns] of an interval that is a jump."""
-STEP_NS, STEP_PERIODS = NS, 10
-"""Least jump of the times of frames that are numbered on while others have frames [ns], also in frame periods."""
-SECOND = 3.0
-"""All other intervals are shorter than this many frame periods: cameras that record movement only have several."""
+
+
+MIN_LATER_NS, ALIKE = NS, 0.05
+"""A sensor without frames was set forward if it ends later than all others by this [ns] and by its longest interval,
+with this relative difference."""
 
 
 @dataclass
@@ -51,112 +53,33 @@ class TimeSpanNs:
 
 
 @dataclass
-class RowTimes(TimeSpanNs):
-    """Time range of rows, with `count` different times."""
+class EventTimes(TimeSpanNs):
+    """Time range of rows or frames.
+
+    Attributes:
+        count: number of different times.
+        longest: largest interval [ns].
+        before: time before it.
+    """
 
     count: int = 0
+    longest: int = 0
+    before: int = 0
 
-    def add_rows(self, t_ns: Ints) -> None:
-        """Count rising times `t_ns` (n,) [ns]; the first may equal the last one of the call before, and counts once."""
+    def add(self, t_ns: Ints) -> None:
+        """Add increasing times; the first may equal the last one added before."""
+        whole = t_ns if not self.count else np.concatenate([[self.last], t_ns])
+        if len(whole) > 1:
+            k = int(np.argmax(np.diff(whole)))
+            if whole[k + 1] - whole[k] > self.longest:
+                self.longest, self.before = int(whole[k + 1] - whole[k]), int(whole[k])
         self.count += len(t_ns) - int(t_ns[0] == self.last)
         self.take(int(t_ns[0]), int(t_ns[-1]))
 
     @property
     def rate_hz(self) -> float:
-        """Number of times per second."""
-        return (self.count - 1) * NS / max(self.last - self.first, 1)
-
-
-@dataclass
-class IngestFrameTimes(RowTimes):
-    """Times of a camera's frames.
-
-    Attributes:
-        count: number of frames.
-        longest: largest interval [ns].
-        before: time before it.
-    """
-
-    longest: int = 0
-    before: int = 0
-
-    def add(self, t_ns: int) -> None:
-        """Add the time of the next frame [ns]."""
-        if self.count and t_ns - self.last > self.longest:
-            self.longest, self.before = t_ns - self.last, self.last
-        self.count += 1
-        self.take(t_ns, t_ns)
-
-    @property
-    def rate_hz(self) -> float:
-        """Number of frames per second, excluding the longest interval."""
+        """Number of times per second, excluding the longest interval."""
         return (self.count - 2) * NS / max(self.last - self.first - self.longest, 1)
-
-
-@dataclass
-class NumberedFrames(TimeSpanNs):
-    """Times of numbered frames, of which one interval may be longer than their numbers explain.
-
-    Attributes:
-        intervals: number of intervals by the numbers of the frames.
-        longest: longest interval per number [ns], `before` the time before it, `numbers` the numbers that it spans.
-        second: second longest interval per number [ns].
-    """
-
-    intervals: int = 0
-    longest: float = 0.0
-    before: int = 0
-    numbers: int = 1
-    second: float = 0.0
-    _last: int = -1
-
-    def add(self, t_ns: Ints, frame: Ints) -> None:
-        """Update the longest intervals per frame number by the next frames; numbers that do not rise are skipped.
-
-        Args:
-            t_ns: (n,) rising times of the frames [ns], n > 0.
-            frame: (n,) their numbers.
-        """
-        if self._last >= 0:
-            t_ns, frame = np.append(self.last, t_ns), np.append(self._last, frame)
-        numbers = np.diff(frame)
-        good = np.flatnonzero(numbers > 0)
-        each = np.diff(t_ns)[good] / numbers[good]
-        for k in np.argsort(each)[-2:].tolist():
-            if each[k] > self.longest:
-                self.second, self.longest = self.longest, float(each[k])
-                self.before, self.numbers = int(t_ns[good[k]]), int(numbers[good[k]])
-            else:
-                self.second = max(self.second, float(each[k]))
-        self.intervals += int(numbers[good].sum())
-        self._last = int(frame[-1])
-        self.take(int(t_ns[0]), int(t_ns[-1]))
-
-    @property
-    def gap(self) -> tuple[float, float]:
-        """First and last time of the longest interval per number [ns]."""
-        return self.before, self.before + self.longest * self.numbers
-
-    def goes_on(self, gap: tuple[float, float]) -> bool:
-        """Whether these frames reach beyond both ends of an interval [ns], and are there during most of it.
-
-        `gap` is its begin and end.
-        """
-        common = min(gap[1], self.gap[1]) - max(gap[0], self.gap[0])
-        return self.first < gap[1] and self.last > gap[0] and common < 0.5 * (gap[1] - gap[0])
-
-    @property
-    def jump_ns(self) -> float:
-        """Time by which the longest interval exceeds what its frame numbers explain [ns].
-
-        0: it exceeds that by too little, the second longest interval is long as well, or there are too few frames.
-        """
-        others = self.intervals - self.numbers
-        if others < FEWEST:
-            return 0.0
-        period = (self.last - self.first - self.longest * self.numbers) / others
-        jump = (self.longest - period) * self.numbers
-        return jump if jump > max(STEP_NS, STEP_PERIODS * period) and self.second < SECOND * period else 0.0
 
 
 @dataclass
@@ -167,16 +90,14 @@ class Times:
         frames: of each camera.
         rows: of boxes, positions and directions of each sensor.
         rates: sensors with rows of each of their frames.
-        numbered: frames of boxes of each camera.
         true: of the truth.
         true_rate_hz: times per second of the true target with the most rows of one table, as median.
         pictures, boxes: frames of cameras that repeat.
     """
 
-    frames: dict[str, IngestFrameTimes] = field(default_factory=dict)
-    rows: dict[str, RowTimes] = field(default_factory=dict)
+    frames: dict[str, EventTimes] = field(default_factory=dict)
+    rows: dict[str, EventTimes] = field(default_factory=dict)
     rates: set[str] = field(default_factory=set)
-    numbered: dict[str, NumberedFrames] = field(default_factory=dict)
     true: TimeSpanNs = field(default_factory=TimeSpanNs)
     true_rate_hz: float = 0.0
     pictures: FrozenCameras = field(default_factory=FrozenCameras)
@@ -193,10 +114,7 @@ class Times:
         elif isinstance(table, Boxes | Doa | Positions):
             for name in dict.fromkeys(table.sensor.tolist()):
                 mine = table.sensor == name
-                own, first = np.unique(t_ns[mine], return_index=True)
-                self.rows.setdefault(name, RowTimes()).add_rows(own)
-                if isinstance(table, Boxes):
-                    self.numbered.setdefault(name, NumberedFrames()).add(own, table.frame[mine][first])
+                self.rows.setdefault(name, EventTimes()).add(np.unique(t_ns[mine]))
                 if not isinstance(table, Doa):
                     self.rates.add(name)
             if isinstance(table, Boxes):
@@ -207,13 +125,14 @@ class Times:
         several = "" if max(len(self.frames), len(self.rows)) > 1 else "there is one sensor"
         rated = any(each.count >= FEWEST for each in (*self.frames.values(), *(self.rows[n] for n in self.rates)))
         rated = rated or self.true_rate_hz > MAX_TRUE_RATE_HZ
-        long = any(own.count >= FEWEST for own in self.frames.values())
-        long = long or any(own.intervals >= FEWEST for own in self.numbered.values())
+        long = any(own.count >= FEWEST for own in (*self.frames.values(), *self.rows.values()))
         truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
-        disjoint = (*_apart(self.frames, FRAMES_APART_NS), *_apart(self.rows, ROWS_APART_NS))
+        units = {check.sensors[0]: check for times in (self.frames, self.rows) for check in _units(times)}
+        alike = [{n: own for n, own in each.items() if n not in units} for each in (self.frames, self.rows)]
+        disjoint = (*units.values(), *_apart(alike[0], FRAMES_APART_NS), *_apart(alike[1], ROWS_APART_NS))
         return (
             *outcome(SENSORS, disjoint, unless=several),
-            *outcome(FRAMES, self._jumps(), unless="" if long else f"no camera has {FEWEST} frames"),
+            *outcome(FRAMES, self._jumps(), unless="" if long else f"no sensor has {FEWEST} times"),
             *outcome(TRUE, () if truth else self._of_truth(), unless=truth),
             *outcome(RATES, self._rates(), unless="" if rated else f"no sensor has {FEWEST} frames"),
             *outcome(FROZEN, self._frozen(), unless=several),
@@ -241,7 +160,7 @@ class Times:
             )
 
     def _jumps(self) -> Iterator[Check]:
-        """Report cameras with one interval longer than all others together, or than the frame numbers explain."""
+        """Report cameras with one interval longer than all others together."""
         for name, times in sorted(self.frames.items()):
             if times.count >= FEWEST and times.longest > max(JUMP * (times.last - times.first), JUMP_NS):
                 yield finding(
@@ -250,12 +169,15 @@ class Times:
                     sensors=[name],
                     jump_s=times.longest / NS,
                     time=utc(times.before),
+                    cause=cause_of(times.longest / NS),
                 )
-        for name, own in sorted(self.numbered.items()):
-            others = (each for other, each in self.numbered.items() if other != name)
-            if name not in self.frames and own.jump_ns and any(each.goes_on(own.gap) for each in others):
-                time = utc(own.before)
-                yield finding(FRAMES, "clock-jump", "warning", sensors=[name], jump_s=own.jump_ns / NS, time=time)
+        for name, own in sorted(self.rows.items()):
+            last = max((each.last for other, each in self.rows.items() if other != name), default=own.last)
+            later = own.last - last
+            set_forward = later > MIN_LATER_NS and abs(later - own.longest) < ALIKE * own.longest
+            if name not in self.rates and own.count >= FEWEST and set_forward:
+                jump_s, time = own.longest / NS, utc(own.before)
+                yield finding(FRAMES, "clock-jump", "warning", sensors=[name], jump_s=jump_s, time=time, cause="")
 
     def _of_truth(self) -> Iterator[Check]:
         """Report a truth that has no time in common with the measurements."""
@@ -285,34 +207,30 @@ class TimedWriter(RecordingWriter):
     times: Times
 
     def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
-        """Add a compressed image to the recording, and its time and content to the statistics.
-
-        Args:
-            sensor: camera.
-            t_ns: time [ns].
-            index: frame number.
-            data: compressed image.
-            kind: its format, such as `png`.
-        """
-        self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
+        """Add a compressed image."""
+        self.times.frames.setdefault(sensor, EventTimes()).add(np.array([t_ns]))
         self.times.pictures.add(sensor, t_ns, hash(data))
         super().image(sensor, t_ns, index, data, kind)
 
     def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
-        """Add the time of one frame of a linked video to the recording and to the statistics.
-
-        Args:
-            sensor: camera.
-            t_ns: time [ns].
-            index: frame number.
-        """
-        self.times.frames.setdefault(sensor, IngestFrameTimes()).add(t_ns)
+        """Add the time of one frame of a linked video."""
+        self.times.frames.setdefault(sensor, EventTimes()).add(np.array([t_ns]))
         super().video_frame(sensor, t_ns, index)
 
     def table(self, table: ColumnTable) -> None:
         """Add the rows of a table, and their times to the statistics."""
         self.times.table(table)
         super().table(table)
+
+
+def _units(times: Mapping[str, EventTimes]) -> Iterator[Check]:
+    """Report sensors with times that last longer or shorter than those of the others by the factor of another unit."""
+    spans = {name: float(own.last - own.first) for name, own in times.items() if own.count >= FEWEST}
+    for name, span in sorted(spans.items()):
+        usual = float(np.median([each for other, each in spans.items() if other != name] or [0.0]))
+        ratio = span / usual if usual > 0.0 else 1.0
+        if is_unit_factor(ratio) and (ratio > 1.0 or len(spans) > 2):
+            yield finding(SENSORS, "time-stamps-unit", sensors=[name], ratio=ratio, other="those of the others")
 
 
 def _apart(times: Mapping[str, TimeSpanNs], least: int) -> Iterator[Check]:

@@ -635,12 +635,13 @@ VERDICT: dict[str, Message] = {
     "stamps-missing": Message(W, "topic {topic}: its headers have no time", "the times of recording are used"),
     "stamps-late": Message(
         W,
-        "topic {topic}: recorded {low_s:.3g} to {high_s:.3g} s after its header stamps; the {used} are used",
+        "topic {topic}: recorded {low_s:.3g} to {high_s:.3g} s after its header stamps{cause}; the {used} are used",
         "choose ({option[timestamp_source]} header or log)",
     ),
     "stamps-since-boot": Message(
         W,
-        "topic {topic}: header stamps, {low_s:.3g} s before recording, count from another epoch; the {used} are used",
+        "topic {topic}: header stamps, {low_s:.3g} s before recording, count from another epoch{cause}; the {used} are "
+        "used",
         "use the others ({option[timestamp_source]} header or log)",
     ),
     # Stages before tracking, and batches
@@ -651,8 +652,21 @@ VERDICT: dict[str, Message] = {
     ),
     "clock-jump": Message(
         N,
-        "camera {sensors}: its times jump by {jump_s:.6g} s at {time}",
+        "{sensors}: its times jump by {jump_s:.6g} s at {time}{cause}",
         "check whether its clock was set, or the recording interrupted",
+    ),
+    "recorder-clock": Message(
+        N, "the times of recording {what}, against the header stamps of all topics", "use the header stamps"
+    ),
+    "clock-offset": Message(
+        W,
+        "camera {sensors}: its times are {offset_s:+.6g} s from those of {other} at the same frame numbers{cause}",
+        "check its clock, or give {option[clock_offset]}",
+    ),
+    "clock-drift": Message(
+        W,
+        "{sensors}: its times gain {ppm:+.4g} ppm on {other}",
+        "check its clock and frame rate; a scene states the drift of a clock (drift_ppm)",
     ),
     "rate-implausible": Message(
         W,
@@ -666,7 +680,7 @@ VERDICT: dict[str, Message] = {
     ),
     "time-stamps-unit": Message(
         W,
-        "camera {sensors}: its time stamps last {ratio:.3g} times as long as its video",
+        "{sensors}: its time stamps last {ratio:.3g} times as long as {other}",
         "name their column after its unit (t_ms, t_s)",
     ),
     "pictures-turned": Message(
@@ -861,11 +875,9 @@ DOCTOR: dict[str, Message] = {
         f"{GAP_INTERVALS:g} times the usual frame interval",
     ),
     "jump": Message(
-        W,
-        "a clock jump: the frame numbers continue",
-        "take the times of another clock",
-        f"{GAP_INTERVALS:g} times the usual frame interval",
+        W, "a clock jump", "take the times of another clock", f"{GAP_INTERVALS:g} times the usual frame interval"
     ),
+    "drift": Message(W, "header stamps that gain on the times of recording", "choose one: ingest --timestamp-source"),
     "clock-disjoint": Message(W, "times far from those of the other sensors", "give an offset (ingest --clock-offset)"),
     "truth-disjoint": Message(
         W,

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from video_samples import numbered, write_video
 
+from occlog.array_types import NS, Floats
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.ingest.stated import StampedFrames, clock_faults
 from occlog.io.files.inputs import verdicts_of_file
 from occlog.records.verdicts import Check
 
@@ -154,3 +156,46 @@ def test_a_counter_of_frames_that_begins_again_is_named(tmp_path: Path, identiti
         "after": 0,
         "bits": 16,
     }
+
+
+EVEN = np.arange(400) / 10.0
+
+
+def stamped(times_s: Floats, first: int = 0, *, counted: bool = False) -> StampedFrames:
+    return StampedFrames(first, np.round((1e9 + times_s) * NS).astype(np.int64), counted)
+
+
+def faults(**cameras: StampedFrames) -> list[tuple[str, tuple[str, ...], float]]:
+    figures = {"clock-jump": "jump_s", "clock-drift": "ppm", "clock-offset": "offset_s"}
+    return [(each.id, each.sensors, each.figures[figures[each.id]]) for each in clock_faults(cameras)]
+
+
+def test_clocks_of_frames_of_the_same_numbers_are_compared() -> None:
+    """A clock that is set, that drifts, and that counts from elsewhere, among three; with two, either may drift."""
+    sound = {"a": stamped(EVEN), "b": stamped(EVEN + 0.03)}
+    assert faults(**sound) == []
+    ((id, sensors, jump_s),) = faults(**sound, c=stamped(EVEN + 0.9 * (EVEN > 12.0)))
+    assert (id, sensors, jump_s) == ("clock-jump", ("c",), pytest.approx(0.9, rel=0.02))
+    ((id, sensors, ppm),) = faults(**sound, c=stamped(1.01 * EVEN))
+    assert (id, sensors, ppm) == ("clock-drift", ("c",), pytest.approx(1e4, rel=0.02))
+    ((id, sensors, offset_s),) = faults(**sound, c=stamped(EVEN + 37.0))
+    assert (id, sensors, offset_s) == ("clock-offset", ("c",), pytest.approx(37.0, rel=0.02))
+    assert [id for id, *_ in faults(a=stamped(EVEN), c=stamped(1.01 * EVEN))] == ["clock-drift"]
+
+
+def test_cameras_of_other_rates_with_missing_frames_or_pauses_are_not_named() -> None:
+    sound = {"a": stamped(EVEN), "b": stamped(EVEN + 0.03)}
+    assert faults(**sound, c=stamped(1.01 * EVEN[EVEN < 39.6])) == []  # another rate, for the same time
+    assert faults(**sound, c=stamped(EVEN[(EVEN < 12.0) | (EVEN > 15.0)])) == []  # stored frames are numbered
+    paused = EVEN + 5.0 * (EVEN > 20.0)
+    assert faults(a=stamped(paused), b=stamped(paused), c=stamped(paused + 0.02)) == []
+    ntsc = np.arange(9000) / 30.0
+    assert faults(a=stamped(ntsc), b=stamped(ntsc), c=stamped(1.001 * ntsc)) == []
+
+
+def test_numbers_that_a_file_states_need_not_end_alike() -> None:
+    jumps = EVEN + 16.94 * (EVEN > 8.0)
+    files = {"a": stamped(EVEN[7:380], 7, counted=True), "b": stamped(EVEN, counted=True)}
+    ((id, sensors, jump_s),) = faults(**files, c=stamped(jumps[:390], counted=True))
+    assert (id, sensors, jump_s) == ("clock-jump", ("c",), pytest.approx(16.94, rel=1e-3))
+    assert faults(**files, c=stamped(jumps + 9.0 * (EVEN > 30.0), counted=True)) == []

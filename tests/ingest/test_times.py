@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from occlog.array_types import NS
-from occlog.ingest.times import IngestFrameTimes, Times, TimeSpanNs
-from occlog.records.tables import Boxes, Truth
+from occlog.ingest.times import EventTimes, Times, TimeSpanNs
+from occlog.records.tables import Truth
 
 
-def frames(times_s: Iterable[float]) -> IngestFrameTimes:
-    own = IngestFrameTimes()
+def frames(times_s: Iterable[float]) -> EventTimes:
+    own = EventTimes()
     for t in times_s:
-        own.add(round(t * NS))
+        own.add(np.array([round(t * NS)]))
     return own
 
 
@@ -34,7 +34,7 @@ def test_nothing_is_found_in_good_times(seed: int) -> None:
     assert found(times) == []
     paused = np.concatenate([late, late + late[-1] + 100.0])
     assert found(Times({"a": frames(paused), "b": frames(paused)})) == []
-    assert found(Times(rows={"a": TimeSpanNs(0, 20 * NS), "b": TimeSpanNs(1810 * NS, 1900 * NS)})) == []
+    assert found(Times(rows={"a": EventTimes(0, 20 * NS), "b": EventTimes(1810 * NS, 1900 * NS)})) == []
 
 
 def test_a_sensor_of_another_time_is_named() -> None:
@@ -43,7 +43,7 @@ def test_a_sensor_of_another_time_is_named() -> None:
         ("sensor-times-disjoint", ("c",))
     ]
     day = 86_400 * NS
-    rows = {"a": TimeSpanNs(day, day + 20 * NS), "b": TimeSpanNs(day, day + 15 * NS), "mic": TimeSpanNs(0, 20 * NS)}
+    rows = {"a": EventTimes(day, day + 20 * NS), "b": EventTimes(day, day + 15 * NS), "mic": EventTimes(0, 20 * NS)}
     assert found(Times(rows=rows)) == [("sensor-times-disjoint", ("mic",))]
 
 
@@ -58,40 +58,30 @@ def test_a_sensor_of_another_time_is_named() -> None:
     ],
 )
 def test_a_known_difference_of_clocks_is_named_with_its_size(offset_s: float, cause: str) -> None:
-    here = TimeSpanNs(1_700_000_000 * NS, 1_700_000_020 * NS)
-    there = TimeSpanNs(here.first + round(offset_s * NS), here.last + round(offset_s * NS))
+    here = EventTimes(1_700_000_000 * NS, 1_700_000_020 * NS)
+    there = EventTimes(here.first + round(offset_s * NS), here.last + round(offset_s * NS))
     (check,) = (each for each in Times(rows={"a": here, "b": here, "c": there}).checks() if each.found)
     assert (check.id, check.sensors) == ("sensor-times-disjoint", ("c",))
     assert check.figures["offset_s"] == pytest.approx(offset_s, rel=1e-5)
     assert f"({cause})" in check.text
 
 
-def boxes(sensor: str, t_s: np.ndarray, numbers: np.ndarray) -> Boxes:
-    n = len(t_s)
-    return Boxes.of(
-        t_ns=np.round(t_s * NS).astype(np.int64), sensor=np.full(n, sensor), frame=numbers, box=np.zeros(n, np.int32),
-        target_id=np.full(n, -1, np.int32), left_px=np.arange(n), top_px=np.ones(n), width_px=np.full(n, 9.0),
-        height_px=np.full(n, 20.0), confidence=np.ones(n),
-    )  # fmt: skip
+def test_times_of_another_unit_are_named_before_that_they_are_apart() -> None:
+    """Also of directions that begin at the same time."""
+    heard = np.arange(0.0, 30.0, 0.1)
+    for start_s in (0.0, 1e5):
+        rows = {name: frames(heard) for name in ("a", "b")} | {"c": frames(start_s + 1000.0 * heard)}
+        assert found(Times(rows=rows)) == [("time-stamps-unit", ("c",))]
 
 
-def test_a_clock_that_is_set_forward_while_frames_are_numbered_on_is_named_with_its_size() -> None:
-    """Not one that stops with its numbers, pauses several times, or pauses with all others."""
-    numbers, times = np.arange(200), np.arange(200) / 10.0
-    jumps = times + 16.94 * (numbers >= 80)
-
-    def of(own: np.ndarray, frame: np.ndarray, other: np.ndarray) -> list[tuple[str, float]]:
-        found = Times()
-        for part in (slice(0, 50), slice(50, None)):
-            found.table(boxes("a", own[part], frame[part]))
-            found.table(boxes("b", other[part], numbers[part]))
-        return [(each.severity, each.figures["jump_s"]) for each in found.checks() if each.id == "clock-jump"]
-
-    ((severity, jump_s),) = of(jumps, numbers, times)
-    assert (severity, jump_s) == ("warning", pytest.approx(16.94, rel=1e-3))
-    assert of(jumps, numbers + 169 * (numbers >= 80), times) == []
-    assert of(jumps + 5.0 * (numbers >= 120), numbers, times) == []
-    assert of(jumps, numbers, jumps) == []
+def test_a_sensor_without_frames_that_ends_as_much_later_as_it_was_silent_was_set() -> None:
+    heard = np.arange(0.0, 30.0, 0.1)
+    jumps = frames(np.where(heard < 12.0, heard, heard + 8.0))
+    others = {"a": frames(heard), "b": frames(heard[::2])}
+    (check,) = (each for each in Times(rows={**others, "c": jumps}).checks() if each.found)
+    assert (check.id, check.sensors) == ("clock-jump", ("c",))
+    assert check.figures["jump_s"] == pytest.approx(8.1)
+    assert found(Times(rows={**others, "c": frames(heard[(heard < 12.0) | (heard > 20.0)])})) == []
 
 
 def test_a_clock_that_is_set_is_named() -> None:

@@ -193,7 +193,8 @@ class SensorTimes:
             kind = "jump" if 0 < step == self._step else "gap"
             if kind == "gap" and self.sporadic:
                 continue
-            what = f"for {length / NS:.6g} s, where {usual / NS:.6g} s are usual"
+            numbered = "the frame numbers continue " if kind == "jump" else ""
+            what = f"{numbered}for {length / NS:.6g} s, where {usual / NS:.6g} s are usual"
             missed = f", {counted(step // self._step - 1, 'frame')} by their numbers" if step > self._step > 0 else ""
             findings.add(
                 kind,

@@ -17,10 +17,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from occlog.array_types import NS
+from occlog.consistency.clock_offsets import ReceivedTimes, cause_of
 from occlog.consistency.frozen import FrozenCameras
 from occlog.errors import InputError, UsageError
 from occlog.io.files.limits import check_input
-from occlog.io.files.timing.utc import time_words
+from occlog.io.files.timing.utc import time_words, utc
 from occlog.io.formats.models.fundamental_matrices import attached_epipolar
 from occlog.io.frames.decoders.process import DecodingJob, start_decoder
 from occlog.io.frames.decoders.subprocess_video import decode_apart
@@ -60,8 +61,8 @@ def check_bag(path: Path, findings: Findings) -> None:
         with open_bag([path]) as bag:
             topics = bag.topics()
             stamps = {name: _Stamps(name) for name, topic in topics.items() if kind_of(topic.kind) in TIMED}
-            for topic, t_ns, difference_s in _times(bag, set(stamps), findings):
-                stamps[topic].add(t_ns, difference_s)
+            for topic, stamp_ns, log_ns in _times(bag, set(stamps), findings):
+                stamps[topic].add(stamp_ns, log_ns)
             _check_indexes(bag, findings)
             for loss in bag.losses:
                 findings.add("damaged-bag", f"{loss.source}, {loss.place}", loss.what, count=max(loss.count, 1))
@@ -85,16 +86,15 @@ def _check_indexes(bag: Bag, findings: Findings) -> None:
                 findings.add("damaged-bag", file.name, what)
 
 
-def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str, int, float | None]]:
-    """Generate topic, time [ns], and delay of recording [s] of each message of the topics `wanted`.
+def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str, int, int]]:
+    """Generate topic, header stamp (0: none) and time of recording [ns] of each message of the topics `wanted`.
 
-    The time is that of the header, else of recording; then the delay is None. Messages that cannot be decoded are
-    findings.
+    Messages that cannot be decoded are findings.
     """
     messages, unread = BagDecoder(bag.topics()), set[str]()
     for message in bag.messages(wanted):
         if message.topic in unread:
-            yield message.topic, message.log_ns, None
+            yield message.topic, 0, message.log_ns
             continue
         try:
             stamp = messages.read(message.topic, message.data).header.stamp_ns
@@ -105,7 +105,7 @@ def _times(bag: Bag, wanted: set[str], findings: Findings) -> Iterator[tuple[str
         except InputError as error:
             findings.refused("lost-message", error, location=message.topic)
             continue
-        yield message.topic, stamp or message.log_ns, (message.log_ns - stamp) / 1e9 if stamp else None
+        yield message.topic, stamp, message.log_ns
 
 
 class _Stamps:
@@ -114,19 +114,27 @@ class _Stamps:
     def __init__(self, topic: str) -> None:
         self.clock = SensorTimes(topic, unique=True, dropped=True)
         self._times: list[int] = []
-        self._low = self._high = 0.0
+        self._received = ReceivedTimes()
 
-    def add(self, t_ns: int, difference_s: float | None) -> None:
-        self._times.append(t_ns)
-        if difference_s is not None:
-            self._low, self._high = min(self._low, difference_s), max(self._high, difference_s)
+    def add(self, stamp_ns: int, log_ns: int) -> None:
+        self._times.append(stamp_ns or log_ns)
+        if stamp_ns:
+            self._received.add(stamp_ns, log_ns)
         if len(self._times) >= 4096:
             self._flush()
 
     def finish(self, findings: Findings) -> None:
         self._flush()
-        if max(-self._low, self._high) > CLOCKS_APART_S:
-            value = f"{self._low:.3g} to {self._high:.3g} s after them"
+        low, high = self._received.range_s
+        step_s, before_ns, drift, by_recorder = self._received.change()
+        if step_s:
+            where = f"{self.clock.name}: after {utc(before_ns)}"
+            value = f"of the times of recording by {-step_s:.6g} s" if by_recorder else f"by {step_s:.6g} s"
+            findings.add("jump", where, f"{value}{cause_of(step_s)}")
+        if drift:
+            findings.add("drift", self.clock.name, f"{1e6 * drift:+.4g} ppm")
+        if max(-low, high) > CLOCKS_APART_S and not (step_s and min(abs(low), abs(high)) < CLOCKS_APART_S):
+            value = f"{low:.3g} to {high:.3g} s after them{cause_of(low)}"
             findings.add("two-clocks", self.clock.name, value, limit=f"{CLOCKS_APART_S:g} s")
 
     def _flush(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from occlog.io.external.table import ForeignTable, best_fit
 from occlog.io.files.limits import read_configuration
 from occlog.io.files.texts.csv_rows import CsvRows, report_bad_lines_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
-from occlog.io.files.texts.formats import Probe
+from occlog.io.files.texts.formats import Probe, recognise
 from occlog.io.files.texts.yaml import yaml_documents
 from occlog.io.files.timing.times import iter_times, looks_like_times, parse_times
 from occlog.io.formats.boxes.columns import BoxSource
@@ -25,10 +26,13 @@ from occlog.io.formats.calibration.common import CalibrationOptions
 from occlog.io.formats.calibration.reader import read_calibration
 from occlog.io.formats.scenes.scene import read_scene
 from occlog.io.formats.scenes.stations import read_stations
+from occlog.io.formats.sound.csv_log import FORMAT, WHAT, DoaOptions
+from occlog.io.formats.sound.directions import FORMATS
+from occlog.records.losses import Loss
 
 from .clock import SensorTimes, check_clocks
 from .findings import Findings
-from .tables import bisect_bad_rows, check_external
+from .tables import bisect_bad_rows, check_external, note_losses
 
 MAX_ROWS = 8_000_000
 """Rows among which copies are searched for: 16 bytes of each are kept."""
@@ -130,6 +134,32 @@ def check_text_file(path: Path, findings: Findings) -> bool:
     return kind in TEXTS and _table(path, findings)
 
 
+def _directions(path: Path, findings: Findings) -> bool:
+    """Check a log of directions of arrival; return whether it is one."""
+    probe = Probe(path, WHAT)
+    log = recognise(FORMATS, probe)
+    if log is None or (log == "odas" and b"timeStamp" not in probe.start):
+        return False
+    # What the file does not state makes no difference here: counts of hops are taken for seconds
+    named = log == "csv" and not {cell.lower() for cell in probe.cells}.isdisjoint(FORMAT.names["sensor"])
+    options = DoaOptions(sensor=None if named else "", unit="deg", hop=Fraction(1))
+    clocks: dict[str, SensorTimes] = {}
+    losses: list[Loss] = []
+    try:
+        for rows in FORMATS[log].read(path, options, losses):
+            for name in np.unique(rows.sensor).tolist():
+                times = "counts of hops" if log == "odas" else f"array {name}" if name else "times"
+                clock = clocks.setdefault(name, SensorTimes(times, sporadic=True))
+                clock.add(rows.t_ns[rows.sensor == name])
+    except InputError as error:
+        findings.refused("unreadable", error)
+    except UsageError:
+        return True
+    note_losses(losses, findings)
+    check_clocks([*clocks.values()], findings)
+    return True
+
+
 def _yaml(path: Path, findings: Findings) -> bool:
     try:
         documents = yaml_documents(read_configuration(path, "YAML"), path, "YAML")
@@ -182,7 +212,8 @@ def _json(path: Path, findings: Findings) -> bool:
         try:
             value = parse_json(read_configuration(path, "JSON", limit=MAX_JSON_BYTES), path, "JSON")
         except InputError as error:
-            findings.refused("unreadable", error)
+            if not _directions(path, findings):
+                findings.refused("unreadable", error)
             return True
         if isinstance(value, list) and value and path.suffix.lower() == ".json":
             findings.refused("unreadable", of_boxes)
@@ -213,7 +244,7 @@ def _table(path: Path, findings: Findings) -> bool:
         check_boxes(boxes, findings)
         return True
     except InputError:
-        if _is_scene(path) or _calibration(path, findings):
+        if _is_scene(path) or _calibration(path, findings) or _directions(path, findings):
             return True
     if fault is not None:
         findings.refused("no-table", fault)

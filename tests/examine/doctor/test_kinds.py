@@ -16,6 +16,7 @@ from places import ROOT
 from unindexed import unindexed
 from video_samples import write_video
 
+from occlog.array_types import NS
 from occlog.examine.doctor import run
 from occlog.examine.doctor.findings import Finding
 from occlog.examine.doctor.run import check_files
@@ -48,6 +49,40 @@ def test_bags_recorded_at_other_times_than_their_stamps(tmp_path: Path, late_s: 
     found = found_in(ros.write_mcap(tmp_path / "b.mcap", poses(late_s)))
     assert [f.kind for f in found] == kinds
     assert all(f.location == "/p" and f"{late_s:.3g}" in f.value for f in found)
+
+
+@pytest.mark.parametrize(
+    ("drift", "step_s", "kind", "value"),
+    [(5e-3, 0.0, "drift", "+5000 ppm"), (0.0, 4.2, "jump", "by 4.2 s"), (0.0, -4.2, "jump", "by -4.2 s")],
+)
+def test_bags_with_stamps_of_a_clock_that_drifts_or_is_set(
+    tmp_path: Path, drift: float, step_s: float, kind: str, value: str
+) -> None:
+    logs = [ros.START + 4 * n * ros.STEP for n in range(200)]
+    stamps = [
+        ros.START + round((1.0 + drift) * (t - ros.START)) + round(step_s * NS) * (n > 90) for n, t in enumerate(logs)
+    ]
+    rows = [("/p", POSE, log, ros.pose(t, "map", (0, 0, 0))) for log, t in zip(logs, stamps, strict=True)]
+    found = [each for each in found_in(ros.write_mcap(tmp_path / "b.mcap", rows)) if each.kind in ("drift", "jump")]
+    assert [(each.kind, value in each.value) for each in found] == [(kind, True)]
+
+
+ODAS_HOPS = [4 * k for k in range(40)]
+
+
+@pytest.mark.parametrize(("hops", "kinds"), [(ODAS_HOPS, []), ([*ODAS_HOPS, *ODAS_HOPS], ["order"])])
+def test_logs_of_directions_are_known_and_counts_that_begin_again_are_found(
+    tmp_path: Path, hops: list[int], kinds: list[str]
+) -> None:
+    source = '{"id": 1, "tag": "", "x": 0.6, "y": 0.8, "z": 0.0, "activity": 0.9}'
+    path = tmp_path / "sst.json"
+    path.write_text("\n".join(f'{{"timeStamp": {hop}, "src": [{source}]}}' for hop in hops))
+    found = found_in(path)
+    assert [each.kind for each in found] == kinds
+    assert all("0 s after 156 s" in each.value for each in found)
+    table = tmp_path / "array.csv"
+    table.write_text("time,azimuth_deg\n" + "".join(f"{0.1 * k:.1f},{k}\n" for k in range(20)))
+    assert found_in(table) == []
 
 
 def test_recordings_without_an_index(tmp_path: Path) -> None:

@@ -183,6 +183,16 @@ def test_times_in_a_stated_or_possible_unit_are_taken(tmp_path: Path, column: st
     assert survey.times["l"].at(np.array([1])).tolist() == [round(step_s * 1e9)]
 
 
+@pytest.mark.parametrize("factor", [1e3, 1e6])
+def test_times_of_one_camera_in_another_unit_than_its_column_states_are_refused(tmp_path: Path, factor: float) -> None:
+    """The others had frames for as long as that, which took gigabytes."""
+    files = [table(tmp_path / f"{c}.csv", list(range(100)), [0.1 * k for k in range(100)], "t_s") for c in "ab"]
+    files.append(table(tmp_path / "c.csv", list(range(100)), [0.1 * factor * k for k in range(100)], "t_s"))
+    with pytest.raises(InputError, match=r"c\.csv: camera c: 1e?\+?0\d+ s from frame") as error:
+        survey_boxes([BoxFile(path, path.stem) for path in files], (), BoxOptions())
+    assert error.value.id == "missing-unit"
+
+
 def test_dates_and_sparse_boxes_are_no_reason_to_ask(tmp_path: Path) -> None:
     dates = [f"2026-05-01T12:{k:02d}:00" for k in range(30)]
     assert survey_boxes([BoxFile(table(tmp_path / "d.csv", list(range(30)), dates), "l")], (), BoxOptions()).times

@@ -99,7 +99,7 @@ def test_one_file_for_several_cameras(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("0.5\n0.4\n", "line 2: time stamp goes back"),
-        ("time\n0.5\n0.5\n", "line 3: time stamp repeats"),
+        ("time\n0.5\n0.5\n", "line 3: time stamp repeats, 1 times in all"),
         ("frame,time\n0,1\n2,2\n", "line 3: frame 2 where frame 1 was expected"),
         ("time\n1\nx\n", "line 3: time 'x'"),
         ("time,frame\n1,0\n\n2\n", "line 4: 1 cells, but the first line has 2"),

@@ -120,6 +120,15 @@ def test_a_height_that_is_off_is_told_from_a_pitch() -> None:
     assert float(above[1]) == pytest.approx(0.5, abs=0.05)
 
 
+def test_of_two_cameras_that_do_not_agree_a_height_is_told_from_a_pitch() -> None:
+    """A pitch was searched for alone, since boxes of cameras that do not agree were not compared by pairs."""
+    own = cameras()[0]
+    stated = changed("a", position=own.position + np.array([0.0, 0.0, 0.6]))
+    ((names, words),) = reported(found(cameras()[:2], stated[:2])).items()
+    assert names == ("a",)
+    assert re.match(r"a is 0\.[456]\d? m below its stated height", words)
+
+
 def test_a_focal_length_that_is_off_is_told_from_other_errors() -> None:
     own = cameras()[1]
     faults = found(cameras(), changed("b", focal_px=1.25 * own.focal_px))

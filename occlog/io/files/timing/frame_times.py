@@ -23,6 +23,16 @@ MAX_RATE_NUMERATOR = 10**9
 """Maximum numerator of a frame rate: frame numbers within `MAX_SECONDS` times the denominator fit into 64 bits."""
 
 
+UNIT_FACTORS, UNIT_TOLERANCE = (1e3, 1e6, 1e9), 1.5
+"""Ratios of units of time, and how much a ratio of durations may differ from one that states a wrong unit."""
+
+
+def is_unit_factor(ratio: float) -> bool:
+    """Whether a ratio of two durations is about that of two units of time."""
+    larger = max(ratio, 1.0 / max(ratio, 1e-300))
+    return any(abs(math.log(larger / factor)) < math.log(UNIT_TOLERANCE) for factor in UNIT_FACTORS)
+
+
 @dataclass(frozen=True, eq=False)
 class FrameTimes:
     """Times of the frames of one camera.

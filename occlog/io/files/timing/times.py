@@ -24,6 +24,7 @@ from ..texts.csv_rows import MISSING, CsvRows, first_line, is_header, last_place
 WHAT = "a table of time stamps"
 HOUR_NS = 3600 * NS
 UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
+OUT_OF_RANGE = "time-out-of-range"
 LATEST_S = 10**11
 """A larger number of seconds (year 5138) is in another unit."""
 TICKS = {
@@ -107,7 +108,7 @@ def parse_time(text: str, unit: str = "s") -> int:
         )
     ns = int((value * UNITS[unit]).to_integral_value())
     if abs(ns) > MAX_NS:
-        raise InputError(f"time {text!r}: out of range for {unit}", id="time-out-of-range")
+        raise InputError(f"time {text!r}: out of range for {unit}", id=OUT_OF_RANGE)
     step = last_place(text) * UNITS[unit]
     if step > COARSEST_NS:
         raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or t_ns in whole numbers")
@@ -169,7 +170,8 @@ def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError
         return unit or "s"
     if unit:
         row = int(np.argmax(sizes))
-        raise fail(row, f"time {values[row]:.12g}: too large for seconds; name the column t_ms, t_us or t_ns")
+        remedy = _interval(values, unit) or "; name the column t_ms, t_us or t_ns"
+        raise fail(row, f"time {values[row]:.12g}: too large for seconds{remedy}")
     found = unit_by_size(float(sizes.max()))
     for program, (least_ticks, most_ticks, epoch) in TICKS.items():
         if not unit and least_ticks < sizes.min() and sizes.max() < most_ticks:
@@ -220,8 +222,20 @@ def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], Inp
         try:
             out[row] = parse_time(text, unit)
         except InputError as error:
-            raise fail(row, str(error)) from None
+            values = np.array([_number(text) for text in texts]) if error.id == OUT_OF_RANGE else np.zeros(0)
+            raise fail(row, f"{error}{_interval(values, unit)}") from None
     return out
+
+
+def _interval(values: Floats, unit: str) -> str:
+    """Addition to a message: the usual interval of a column's times (n,), if it suggests another unit."""
+    steps = np.diff(np.unique(values))
+    usual_s = float(np.median(steps)) * UNITS[unit] / NS if len(steps) >= MIN_INTERVALS else 0.0
+    return (
+        f"; {usual_s:g} s from row to row: name the column after its unit (t_ms, t_us, t_ns)"
+        if usual_s > MAX_INTERVAL_S
+        else ""
+    )
 
 
 def parse_times(rows: CsvRows, name: str, unit: str) -> Ints:
@@ -435,7 +449,8 @@ def _in_order(rows: CsvRows, t_ns: Ints, picked: Ints) -> Ints:
     back = np.flatnonzero(np.diff(t_ns) <= 0)
     if len(back):
         row = int(back[0]) + 1
-        verb = "repeats" if t_ns[row] == t_ns[row - 1] else "goes back"
+        count = int(np.count_nonzero(np.diff(t_ns) == 0))
+        verb = f"repeats, {count} times in all" if t_ns[row] == t_ns[row - 1] else "goes back"
         summer = abs(int(t_ns[row - 1] - t_ns[row]) - HOUR_NS) < HOUR_NS // 60
         remedy = restart_of(float(t_ns[row - 1] - t_ns[row]) / NS) or "correct the file"
         remedy += "; by an hour: local time at the end of summer time? Write UTC" * summer

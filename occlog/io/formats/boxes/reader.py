@@ -24,7 +24,7 @@ from occlog.io.files.texts.by_reader import reader_of
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor, is_header
 from occlog.io.files.texts.formats import FileFormat, Probe, by_cells, is_folder, recognise
 from occlog.io.files.timing.frame_choice import ALL_FRAMES, FrameChoice
-from occlog.io.files.timing.frame_times import FrameTimes
+from occlog.io.files.timing.frame_times import FrameTimes, is_unit_factor
 from occlog.io.files.timing.times import check_unit, parse_times, time_column
 from occlog.io.files.timing.utc import time_words
 from occlog.records.columns import MAX_NS
@@ -515,12 +515,25 @@ def _column_times(found: _BoxScan, first: int, stop: int, where: str) -> dict[st
             check_unit(found.heads[name], np.diff(t_ns) / np.diff(frames) / NS)
             steps[name] = float(t_ns[-1] - t_ns[0]) / float(frames[-1] - frames[0])
             ends[name] = steps[name] * float(frames[-1])
+    _check_units(found, steps)
     out = {}
     for name, stamps in found.stamps.items():
         step = steps.get(name, 0.0)
         needed = min(math.ceil(max(ends.values()) / step) + 2, MAX_FRAMES) if step > 0 else 0
         out[name] = table_times(stamps, first, max(stop, needed), f"{where}: camera {name}")
     return out
+
+
+def _check_units(found: _BoxScan, steps: Mapping[str, float]) -> None:
+    """InputError if frames of a camera are as far apart [ns] as if its times were in another unit than the others'."""
+    for name, step in steps.items():
+        usual = float(np.median([each for other, each in steps.items() if other != name] or [step]))
+        if min(step, usual) > 0.0 and is_unit_factor(step / usual) and (step > usual or len(steps) > 2):
+            raise InputError(
+                f"{found.heads[name].path}: camera {name}: {step / NS:.4g} s from frame to frame, {usual / NS:.4g} "
+                "s of the others: another unit? Name its column of times t_ms, t_us or t_ns",
+                id="missing-unit",
+            )
 
 
 @dataclass

@@ -255,7 +255,8 @@ class CameraAgreement:
         for each in mistakes:
             names = [self.names[c] for c in each.cameras]
             yield finding(FITS, "camera-fits-if", sensors=names, fit=each.fit, now=each.now, change=each.words)
-        for cameras, words in [] if mistakes else self._faults.errors(unit):
+        rotated = any(check.id == "camera-rotated" and check.status == "failed" for check in checks)
+        for cameras, words in [] if mistakes else self._faults.errors(unit, rotated=rotated):
             yield finding(FITS, "camera-error", sensors=[self.names[c] for c in cameras], change=words)
 
     def _gaps(self) -> Iterator[Check]:

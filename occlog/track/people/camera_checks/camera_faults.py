@@ -25,6 +25,8 @@ from .pair_errors import (
     FOCAL,
     HEIGHT,
     LATE,
+    MIN_LOG_RATIO,
+    MIN_LOG_RATIO_ROTATED,
     RADIAL,
     YAW,
     CameraError,
@@ -161,25 +163,31 @@ class CameraFaults:
         """
         return self._search.found(unit, doubtful=doubtful) if self._compared else []
 
-    def errors(self, unit: str) -> list[tuple[tuple[int, ...], str]]:
+    def errors(self, unit: str, *, rotated: bool = False) -> list[tuple[tuple[int, ...], str]]:
         """Small calibration errors: (indices of the cameras, description).
 
         They are too small to change the overlap of boxes much. Lasting rotations are omitted, since the filter corrects
-        them.
+        them, unless another error explains nearly as much.
 
         Args:
-            unit: length unit, for messages.
+            unit: of lengths, for the words.
+            rotated: the filter finds rotated cameras, so that something is wrong.
         """
         if not self._compared:
             return []
         out: list[tuple[tuple[int, ...], str]] = []
-        for each in self._search.errors:
+        errors = self._search.errors
+        if rotated and not errors:
+            errors = self._search.errors_of(range(len(self._cameras)), MIN_LOG_RATIO_ROTATED)[:1]
+        for each in errors:
             # The filter states and corrects rotations that last; what remains with them may be their consequence
-            if each.kind == YAW and not (each.since or each.until):
+            lasting = each.kind == YAW and not (each.since or each.until)
+            if lasting and (each.rival is None or each.rival.kind == YAW):
                 break
-            either = [each, *([each.rival] if each.rival is not None else [])]
-            cameras = dict.fromkeys(c for error in either for c in error.cameras)
-            out.append((tuple(cameras), ", or ".join(self._search.words(error, unit) for error in either)))
+            cameras = dict.fromkeys(c for error in each.either for c in error.cameras)
+            out.append((tuple(cameras), self._search.words_of(each, unit)))
+            if lasting:
+                break
         return out
 
     def heights(self) -> Floats:
@@ -247,15 +255,18 @@ class _Search:
     @cached_property
     def errors(self) -> list[CameraError]:
         """Errors of the calibrations of cameras by least squares over pairs of cameras (`pair_errors`)."""
-        return self._errors_of(self._fitting)
+        return self.errors_of(self._fitting)
 
     @cached_property
     def _fitting(self) -> tuple[int, ...]:
         """Indices of the cameras with an agreement of `MIN_PAIRED`; boxes of other cameras are paired by chance."""
         return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_PAIRED)
 
-    def _errors_of(self, cameras: tuple[int, ...]) -> list[CameraError]:
-        """Calibration errors of the cameras with these indices, by least squares over their pairs."""
+    def errors_of(self, cameras: Sequence[int], least: float = MIN_LOG_RATIO) -> list[CameraError]:
+        """Calibration errors of the cameras with these indices, by least squares over their pairs.
+
+        `least`: logarithm of the ratio of evidences from which an error is significant.
+        """
         if len(cameras) < 2:
             return []
         views = [self.views[c] for c in cameras]
@@ -269,7 +280,7 @@ class _Search:
         out: list[CameraError] = []
         counts = (np.unique(view.steps, return_counts=True)[1] for view in views)
         people = max((float(np.median(each)) for each in counts if len(each)), default=1.0)
-        for each in camera_errors(normal, people, lambda error: self._matters(named(error))):
+        for each in camera_errors(normal, people, lambda error: self._matters(named(error)), least):
             if each.since:
                 # Boxes are paired better with one orientation of each camera; either part may be as calibrated
                 ends = (0, each.since - 1), (each.since, len(self.t_ns))
@@ -292,14 +303,15 @@ class _Search:
         return float(np.linalg.norm(error.values, axis=1).max()) >= least
 
     def _corrections(self, c: int, unit: str) -> Iterator[_Change]:
-        """Generate corrections to try of lasting errors that concern camera `c`; all lenses are corrected at once."""
-        cameras = tuple(sorted({c, *self._fitting}))
-        errors = self.errors if cameras == self._fitting else self._errors_of(cameras)
+        """Candidate corrections of lasting errors that concern camera `c`; all lenses are corrected at once."""
+        # Boxes of two cameras that do not agree are compared, too: overlaps show whether an error explains them
+        cameras = tuple(sorted({c, *self._fitting})) if len(self.views) > 2 else (0, 1)
+        errors = self.errors if cameras == self._fitting else self.errors_of(cameras)
         errors = [each for each in errors if each.kind != LATE and not (each.since or each.until)]
         lenses = [each for each in errors if each.kind == RADIAL]
         for group in (lenses, *([each] for each in errors if each.kind != RADIAL)):
             if any(c in each.cameras for each in group):
-                words = " and ".join(self.words(each, unit) for each in group)
+                words = " and ".join(self.words_of(each, unit) for each in group)
                 pairs = [pair for each in group for pair in zip(each.cameras, each.values, strict=True)]
                 yield _Change(words, {k: self._corrected(k, group[0].kind, values) for k, values in pairs})
 
@@ -315,6 +327,10 @@ class _Search:
             return view._replace(camera=replace(camera, focal_px=camera.focal_px / (1.0 + value)))
         raised = np.array([0.0, 0.0, value * self.height])
         return view._replace(camera=replace(camera, position=camera.position + raised))
+
+    def words_of(self, error: CameraError, unit: str) -> str:
+        """Description of a camera error, and of another one that explains nearly as much; `unit` of lengths."""
+        return ", or ".join(self.words(each, unit) for each in error.either)
 
     def words(self, error: CameraError, unit: str) -> str:
         """Description of a camera error for a message; `unit` of lengths."""

@@ -57,8 +57,9 @@ MOVED = 7.0
 """Logarithm of the odds of an error that lasts against a movement: errors that wander resemble movements."""
 BODIES = 10.0
 """Logarithm of the odds against an error that lasts where one person is seen: a body unlike the model resembles it."""
-MIN_LOG_RATIO = 7.0
-"""Logarithm of the ratio of evidences from which an error is significant."""
+MIN_LOG_RATIO, MIN_LOG_RATIO_ROTATED = 7.0, 0.0
+"""Logarithm of the ratio of evidences from which an error is significant, and where cameras are known to seem rotated:
+the question is then which error it is."""
 AMBIGUOUS = 3.0
 """Logarithm of the ratio of evidences below which another error may as well be there instead."""
 EDGE_BATCHES = 3
@@ -93,6 +94,11 @@ class CameraError(NamedTuple):
     log_ratio: float
     until: int = 0
     rival: CameraError | None = None
+
+    @property
+    def either(self) -> tuple[CameraError, ...]:
+        """The error, and its rival if there is one."""
+        return (self,) if self.rival is None else (self, self.rival)
 
 
 class Evidence(NamedTuple):
@@ -145,7 +151,9 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
     return normal
 
 
-def camera_errors(normal: Floats, people: float, matters: Callable[[CameraError], bool]) -> list[CameraError]:
+def camera_errors(
+    normal: Floats, people: float, matters: Callable[[CameraError], bool], least: float = MIN_LOG_RATIO
+) -> list[CameraError]:
     """Significant errors of cameras.
 
     The one with the largest evidence is the first; the others remain significant given those before them.
@@ -154,6 +162,7 @@ def camera_errors(normal: Floats, people: float, matters: Callable[[CameraError]
         normal: (T, K, K + 1) of `fit_pairs`.
         people: number of people who are seen at once.
         matters: whether an error is large enough to be stated.
+        least: logarithm of the ratio of evidences from which an error is significant.
     """
     K = normal.shape[1]
     C = K // OWN
@@ -168,11 +177,11 @@ def camera_errors(normal: Floats, people: float, matters: Callable[[CameraError]
         _, _, before = now.solved()
         lasting = sorted(static_errors(now, before, people), key=_log_ratio, reverse=True)
         best = max((*lasting, *movements(now)), key=_log_ratio)
-        if best.log_ratio < MIN_LOG_RATIO:
+        if best.log_ratio < least:
             break
         # With one error of a camera corrected the other ones are not linear any more
         if matters(best) and not {c for each in out for c in each.cameras} & set(best.cameras):
-            close = (each for each in lasting if each.log_ratio > best.log_ratio - AMBIGUOUS and each.kind != YAW)
+            close = (each for each in lasting if each.log_ratio > best.log_ratio - AMBIGUOUS)
             others = (each for each in close if each.kind != best.kind or not set(best.cameras) & set(each.cameras))
             out.append(best._replace(rival=None if best.since else next(filter(matters, others), None)))
         if best.since:
