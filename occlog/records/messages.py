@@ -547,8 +547,8 @@ VERDICT: dict[str, Message] = {
     ),
     "world-not-upright": Message(
         W,
-        "the world of the calibration seems not to be upright: by the horizons up is ({up}), {off_deg:.0f} deg from z",
-        "turn it (ingest --up auto, or X,Y,Z)",
+        "the world of the calibration seems not to be upright: by the horizons up is {up}, {off_deg:.0f} deg from z",
+        "turn it (ingest --up {turn})",
     ),
     "extrinsics-fit-if": Message(
         W,
