@@ -751,7 +751,7 @@ VERDICT: dict[str, Message] = {
     ),
     "microphone-late": Message(
         W,
-        "array {sensors}: microphone {microphones} is {samples} samples {side}, beyond what its distance permits",
+        "array {sensors}: microphone {microphones} is {samples} samples {side}, by the delays to the others",
         "record all channels with one clock, or shift the channel",
     ),
     "microphone-unrelated": Message(
@@ -769,6 +769,16 @@ VERDICT: dict[str, Message] = {
         "array {sensors}: delays are {misfit:.2g} samples off a plane wave, and fit one with microphones {microphones} "
         "exchanged",
         "check the order of the channels",
+    ),
+    "microphones-inconsistent": Message(
+        W,
+        "array {sensors}: delays are {misfit:.2g} samples off a plane wave, so that directions are wrong{cause}",
+        "check the order, clock and positions of the channels",
+    ),
+    "microphone-gain": Message(
+        N,
+        "array {sensors}: microphone {microphones} is {level:.0f} dB {side} than others (noted from {allowed:.0f} dB)",
+        "check its gain; directions do not depend on it",
     ),
     "clipped": Message(
         N,
