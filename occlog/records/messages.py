@@ -473,13 +473,13 @@ VERDICT: dict[str, Message] = {
     ),
     "speeds-high": Message(
         W,
-        "people move at {speed:.2g} {unit}/s (median; limit {allowed:.2g}), and {births_per_s:.2g} tracks a "
+        "people move at {speed:.2g} {unit}/s ({which}; limit {allowed:.2g}), and {births_per_s:.2g} tracks a "
         "second begin",
         "check frame rate (ingest --fps) and unit of times",
     ),
     "speeds-low": Message(
         W,
-        "{count} of {of} people who cover a distance are never faster than {allowed:.2g} {unit}/s",
+        "in {count} of {of} legs of {leg:.2g} {unit} people are never faster than {allowed:.2g} {unit}/s",
         "check the frame rate (ingest --fps) and the unit of times",
     ),
     "frame-numbers-sparse": Message(
