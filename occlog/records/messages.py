@@ -376,6 +376,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: its images are {size} s {side} (significant: {allowed:.1g}); corrected",
         "subtract it from its times (ingest --clock-offset) and track again",
     ),
+    "camera-clock-drift": Message(
+        W,
+        "camera {sensors}: its clock drifts by about {ppm:+.0f} ppm (significant: {allowed:.0f}), {size} s in all",
+        "estimate the drift (occlog calibrate), and track with its scene",
+    ),
     "camera-rotated": Message(
         W,
         "camera {sensors} is rotated from its calibration by {yaw_deg:+.1f} deg about the vertical and "
