@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.console.text import counted
-from occlog.core.geometry.camera import is_upright, looks_away, meeting_point, vertical
+from occlog.core.geometry.camera import is_upright, looks_away, meeting_point, other_up_axis, vertical
 from occlog.io.formats.calibration.common import CALIBRATION
 from occlog.io.formats.calibration.reader import CalibrationFile
 from occlog.records.scene import HEIGHT_SLACK, Camera
@@ -81,9 +81,11 @@ def world_checks(cameras: Sequence[Camera], up: str | None, *, ground_stated: bo
     unknown = up is None and bool(tilted) and not ground_stated
     low = [] if unknown else [*_low(placed)]
     off = _distance_from_axes(centres, rotations[:, :, 2]) if len(placed) > 2 else 0.0
-    limit = NEAR if tilted or low else min(NEAR, off / NEARER) if off > NEAR else 0.0
+    # Cameras that agree on another axis are read as meant
+    agreed = bool(tilted) and other_up_axis(rotations) is not None
+    limit = NEAR if (tilted or low) and not agreed else min(NEAR, off / NEARER) if off > NEAR else 0.0
     misread = [*_misread(placed, limit)] if as_read and limit else []
-    single = [*_misread_ones(placed)] if as_read and not misread else []
+    single = [*_misread_ones(placed)] if as_read and not misread and not agreed else []
     buried = [] if single else low
     return (
         *outcome(HANDED, ()),
@@ -100,10 +102,13 @@ def tilted_world(rotations: np.ndarray, up: str | None = None) -> Iterator[Check
         up: as the user gives it: None, `auto`, or a direction.
     """
     if up is None and not is_upright(rotations):
+        axis = other_up_axis(rotations)
         direction = vertical(rotations).up
+        text = axis or f"({', '.join(f'{v:.2f}' for v in direction)})"
         off_deg = float(np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0))))
-        text = ", ".join(f"{v:.2f}" for v in direction)
-        yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg)
+        if axis is not None:
+            off_deg = 180.0 if axis == "-z" else 90.0
+        yield finding(UPRIGHT, "world-not-upright", up=text, off_deg=off_deg, turn=axis or "auto, or X,Y,Z")
     elif up == AUTO and not vertical(rotations).certain:
         yield finding(UPRIGHT, "vertical-uncertain")
 

@@ -376,6 +376,11 @@ VERDICT: dict[str, Message] = {
         "camera {sensors}: its images are {size} s {side} (significant: {allowed:.1g}); corrected",
         "subtract it from its times (ingest --clock-offset) and track again",
     ),
+    "camera-clock-drift": Message(
+        W,
+        "camera {sensors}: its clock drifts by about {ppm:+.0f} ppm (significant: {allowed:.0f}), {size} s in all",
+        "estimate the drift (occlog calibrate), and track with its scene",
+    ),
     "camera-rotated": Message(
         W,
         "camera {sensors} is rotated from its calibration by {yaw_deg:+.1f} deg about the vertical and "
@@ -473,13 +478,13 @@ VERDICT: dict[str, Message] = {
     ),
     "speeds-high": Message(
         W,
-        "people move at {speed:.2g} {unit}/s (median; limit {allowed:.2g}), and {births_per_s:.2g} tracks a "
+        "people move at {speed:.2g} {unit}/s ({which}; limit {allowed:.2g}), and {births_per_s:.2g} tracks a "
         "second begin",
         "check frame rate (ingest --fps) and unit of times",
     ),
     "speeds-low": Message(
         W,
-        "{count} of {of} people who cover a distance are never faster than {allowed:.2g} {unit}/s",
+        "in {count} of {of} legs of {leg:.2g} {unit} people are never faster than {allowed:.2g} {unit}/s",
         "check the frame rate (ingest --fps) and the unit of times",
     ),
     "frame-numbers-sparse": Message(
@@ -547,8 +552,8 @@ VERDICT: dict[str, Message] = {
     ),
     "world-not-upright": Message(
         W,
-        "the world of the calibration seems not to be upright: by the horizons up is ({up}), {off_deg:.0f} deg from z",
-        "turn it (ingest --up auto, or X,Y,Z)",
+        "the world of the calibration seems not to be upright: by the horizons up is {up}, {off_deg:.0f} deg from z",
+        "turn it (ingest --up {turn})",
     ),
     "extrinsics-fit-if": Message(
         W,
@@ -769,7 +774,7 @@ VERDICT: dict[str, Message] = {
     ),
     "microphone-late": Message(
         W,
-        "array {sensors}: microphone {microphones} is {samples} samples {side}, beyond what its distance permits",
+        "array {sensors}: microphone {microphones} is {samples} samples {side}, by the delays to the others",
         "record all channels with one clock, or shift the channel",
     ),
     "microphone-unrelated": Message(
@@ -792,6 +797,16 @@ VERDICT: dict[str, Message] = {
         W,
         "array {sensors}: delays of sound are {share:.2g} times the longest that microphones and sampling rate permit",
         "check the unit of microphones and the rate of the file",
+    ),
+    "microphones-inconsistent": Message(
+        W,
+        "array {sensors}: delays are {misfit:.2g} samples off a plane wave, so that directions are wrong{cause}",
+        "check the order, clock and positions of the channels",
+    ),
+    "microphone-gain": Message(
+        N,
+        "array {sensors}: microphone {microphones} is {level:.0f} dB {side} than others (noted from {allowed:.0f} dB)",
+        "check its gain; directions do not depend on it",
     ),
     "clipped": Message(
         N,
@@ -818,7 +833,8 @@ VERDICT: dict[str, Message] = {
     ),
     "group-misaligned": Message(
         W,
-        "{file}: tracks are {offset:.3g} {unit} off those of the camera groups given before it (allowed: {allowed:.3g} {unit})",
+        "{file}: tracks are {offset:.3g} {unit} off those of the camera groups given before it "
+        "(allowed: {allowed:.3g} {unit})",
         "check poses and clocks",
     ),
     "recording-not-plausible": Message(W, "{recording}: {warning}", "see its warnings in the table of runs"),

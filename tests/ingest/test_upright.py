@@ -379,3 +379,17 @@ def test_one_of_two_cameras_that_is_inverted_is_named_though_it_is_above_the_gro
 def test_a_camera_below_the_ground_that_no_other_meaning_mends_is_only_low() -> None:
     low = replace(CAMERAS[1], position=np.array([60.0, 10.0, -2.2]))
     assert ids((CAMERAS[0], low, CAMERAS[2]), None, None) == ["camera-not-above-ground"]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("up", "axes"), [("y", [[1, 0, 0], [0, 0, 1], [0, -1, 0]]), ("-y", [[1, 0, 0], [0, 0, -1], [0, 1, 0]])]
+)
+def test_a_world_with_y_up_is_named_and_no_single_camera(n: int, up: str, axes: list[list[int]]) -> None:
+    """Its origin is in the middle of the room, so that cameras have heights of both signs along z."""
+    turn, middle = np.array(axes, dtype=np.float64), np.array([2.5, 3.0, 0.0])
+    moved = tuple(replace(c, position=turn @ (c.position - middle), rotation=turn @ c.rotation) for c in CAMERAS[:n])
+    (found,) = (c for c in checks(moved, None, None) if c.found)
+    assert found.id == "world-not-upright"
+    assert found.text.endswith(f"(ingest --up {up})")
+    assert ids(moved, up, None) == []

@@ -240,15 +240,35 @@ def vertical(rotations: Floats) -> Vertical:
     return Vertical(np.asarray(found), certain, float(np.median(_roll(rotations, found))))
 
 
+def other_up_axis(rotations: Floats) -> str | None:
+    """Signed axis of the world (`y`, `-y`, `x`, `-x` or `-z`) that is up in all images, if z is not; otherwise None.
+
+    All cameras (C, 3, 3, world-from-camera) are level to `LEVEL` with respect to it, and the median pitch is downward
+    by at most `LOOKS_UP`; cameras that view the ground from above, or hang upside down, are so in a world with z up.
+    """
+    x, up, forward = rotations[:, :, 0], -rotations[:, :, 1], rotations[:, :, 2]
+    level = np.abs(x) < np.sin(LEVEL)
+    upright = (level[:, 2] & (up[:, 2] > -np.sin(LEVEL))).all()
+    if not len(rotations) or (upright and np.median(forward[:, 2]) < 0.0):
+        return None
+    for name, axis, sign in (("y", 1, 1.0), ("-y", 1, -1.0), ("x", 0, 1.0), ("-x", 0, -1.0), ("-z", 2, -1.0)):
+        pitch = np.arcsin(np.clip(sign * np.median(forward[:, axis]), -1.0, 1.0))
+        if (level[:, axis] & (sign * up[:, axis] > 0.0)).all() and -LOOKS_UP < pitch < 0.0:
+            return name
+    return None
+
+
 def is_upright(rotations: Floats) -> bool:
     """Whether the z axis of the world can be the vertical of (C, 3, 3) world-from-camera rotations; true for C = 0.
 
-    It cannot if most cameras are rolled by more than `ROLLED` or are tilted up by more than `LOOKS_UP`; if most hang
-    upside down and are tilted up; or if the horizons of three or more agree, to `LEVEL`, on a vertical that is more
-    than `TILTED` off.
+    It cannot if another axis is up in all images (`other_up_axis`); if most cameras are rolled by more than `ROLLED` or
+    are tilted up by more than `LOOKS_UP`; if most hang upside down and are tilted up; or if the horizons of three or
+    more agree, to `LEVEL`, on a vertical that is more than `TILTED` off.
     """
     if not len(rotations):
         return True
+    if other_up_axis(rotations) is not None:
+        return False
     z = np.array([0.0, 0.0, 1.0])
     pitch = np.median(np.arcsin(np.clip(rotations[:, 2, 2], -1.0, 1.0)))
     over = float(np.median(-rotations[:, 2, 1])) < 0.0

@@ -220,37 +220,41 @@ class Alternative(NamedTuple):
     met: float
 
 
-def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> Positions:
-    """Return the positions in the first `MAX_SAMPLE` rows; of a truth those of targets."""
-    parts, count = [(np.zeros(0, np.int64), np.zeros((0, 2)))], 0
+def sample_of(chunks: Iterable[Tracks] | Iterable[Truth]) -> tuple[Positions, Floats]:
+    """Return positions and z (n,) of the first `MAX_SAMPLE` rows; of a truth those of targets."""
+    parts, count = [(np.zeros(0, np.int64), np.zeros((0, 3)))], 0
     for rows in chunks:
         own = rows.role == "target" if isinstance(rows, Truth) else np.ones(len(rows), dtype=np.bool_)
-        parts.append((rows.t_ns[own], np.column_stack([rows.x, rows.y])[own]))
+        parts.append((rows.t_ns[own], np.column_stack([rows.x, rows.y, rows.z])[own]))
         count += int(own.sum())
         if count >= MAX_SAMPLE:
             break
-    t_ns, xy = (np.concatenate(column)[:MAX_SAMPLE] for column in zip(*parts, strict=True))
-    good = np.isfinite(xy).all(axis=1)
-    return Positions(t_ns[good] / NS, xy[good])
+    t_ns, xyz = (np.concatenate(column)[:MAX_SAMPLE] for column in zip(*parts, strict=True))
+    good = np.isfinite(xyz[:, :2]).all(axis=1)
+    return Positions(t_ns[good] / NS, xyz[good, :2]), xyz[good, 2]
 
 
-def alternative(tracks: Positions, truth: Positions, gate: float) -> tuple[Alternative, float, float] | None:
+def alternative(
+    tracks: Positions, truth: Positions, gate: float, given: Positions | None = None
+) -> tuple[Alternative, float, float] | None:
     """Simplest transform of the tracks after which they agree with the truth, the share that agrees before, and a gate.
 
     Args:
         tracks: estimates.
         truth: true positions.
         gate: largest distance of a pair; a share `NARROW` of it is tried, too.
+        given: true positions with which they agree before, if others than `truth`.
     """
+    given = truth if given is None else given
     if not (len(tracks.t) and len(truth.t)):
         return None
     for near in (gate, NARROW * gate):
-        now, best = _met(tracks, truth, near), None
+        now, best = _met(tracks, given, near), None
         for each in _changes(tracks, truth, near):
             if each.met >= max(MIN_MET, now + MIN_MORE) and (best is None or each.met > best.met + 0.1):
                 best = each
         if best is not None:
-            return best, _met(tracks, truth, near, whole=True), near
+            return best, _met(tracks, given, near, whole=True), near
     return None
 
 
@@ -259,6 +263,7 @@ def _changes(tracks: Positions, truth: Positions, gate: float) -> Iterator[Alter
 
     `gate`: largest distance of positions that agree.
     """
+    yield Alternative("axes-differ", "", _met(tracks, truth, gate))  # of a truth other than the given one
     yield from _changes_of_time(tracks, truth, gate)
     for scale, (name, matrix) in product((1.0, *LENGTH_UNITS), AXES.items()):
         # In the larger unit of both, as the gate is a length that people are apart
@@ -460,9 +465,20 @@ class TruthAlignment:
             yield from self.found()
 
     def found(self) -> Iterator[Check]:
-        """Simplest transform of times, unit or frame after which tracks and truth agree."""
-        tracks, truth = (sample_of(each) for each in self._sources())
-        found = alternative(tracks, truth, self._gate)
-        if found is not None:
+        """Simplest transform of times, unit or frame after which tracks and truth agree.
+
+        Of a truth with z over a wider range than y, x and z are tried first: its ground plane if y is up.
+        """
+        (tracks, _), (truth, z) = (sample_of(each) for each in self._sources())
+        planes = {"": truth}
+        if np.isfinite(z).all() and len(z) and np.ptp(z) > np.ptp(truth.xy[:, 1]):
+            ground = Positions(truth.t, np.column_stack([truth.xy[:, 0], z]))
+            planes = {"x and z of the truth for its x and y (y up)": ground} | planes
+        for words, ground in planes.items():
+            found = alternative(tracks, ground, self._gate, truth)
+            if found is None:
+                continue
             best, now, gate = found
-            yield finding(ALIGNMENT, best.id, met=best.met, now=now, change=best.change, gate=gate, unit=self._unit)
+            change = ", ".join(part for part in (words, best.change) if part)
+            yield finding(ALIGNMENT, best.id, met=best.met, now=now, change=change, gate=gate, unit=self._unit)
+            return

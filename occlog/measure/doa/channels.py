@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
@@ -44,11 +45,19 @@ MIN_BLOCK = 1 << 12
 """Samples of a recording that is correlated although it is shorter than a block."""
 FRAME, MAX_FRAMES = 1 << 13, 24
 """Samples of a piece of which the delays are compared with those of a plane wave, and number of them."""
-MIN_MISFIT, MIN_GAIN = 0.15, 5.0
-"""RMS difference of delays from a plane wave [samples] that an exchange of channels explains: it is at least this
-large, and this many times as large as with the exchange."""
-MIN_SHARE, MIN_FRAMES = 0.75, 3
-"""Share of the frames in which one exchange explains the delays, and least number of them, to be stated."""
+MIN_MISFIT, MIN_GAIN, SIMILAR, ERROR, MIN_FRAMES = 0.15, 1.6, 1.3, 0.05, 3
+"""A fault explains the difference of delays from those of a plane wave (RMS over pairs, median over frames [samples])
+if it reduces it by at least this and by this factor; the ratio of differences from which one fault explains it better
+than another, after an error of each is added; and the least number of frames."""
+MAX_MISFIT_SAMPLES, MAX_MISFIT_EXTENTS = 0.6, 0.25
+"""Difference that no fault explains from which delays are not those of one sound: at least so many samples, and this
+share of the travel time across the array."""
+MAX_SLOWNESS = 1.15
+"""Largest slowness of a wave relative to that of sound: errors of delays."""
+UNEQUAL = 10.0
+"""Ratio of a microphone's level to the usual one [dB], or the inverse, from which it is stated."""
+MIN_SHARE = 0.75
+"""Least share of the frames with delays of a plane wave for a statement on their size."""
 LEAST_SLOWNESS, MOST_SLOWNESS, MIN_EXCESS = 0.05, 1.3, 0.5
 """Bounds of the share of the longest delays that positions and rate permit, and delay beyond it [samples] to be stated.
 A share below the first is that of sound from straight above an array of 3 degrees."""
@@ -126,31 +135,51 @@ class ChannelLags:
         alike = all(same[np.ix_(group, group)].all() for group in groups)
         return groups[0] if len(groups) == 2 and alike and len(groups[0]) < len(groups[1]) else []
 
-    def exchanged(self, microphones: Floats, rate: float) -> Exchange | None:
-        """Pairs of channels of which one pair seems exchanged, since delays fit no plane wave; None if there are none.
+    def misfit(self, microphones: Floats, rate: float) -> Misfit | None:
+        """Difference of delays from those of a plane wave, and the channels that explain it; see `late`.
 
-        Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987). This detects an
-        exchange only with more microphones than unknowns of the wave, and unless the exchange fits another plane wave.
-        Arguments as in `late`.
+        Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987). More microphones than
+        unknowns of the wave are needed, and an exchange that mirrors or turns the array fits another plane wave.
+
+        Returns:
+            None if delays are consistent, or too few of them are known.
         """
         count = len(microphones)
         pairs = list(combinations(range(count), 2))
         apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs]).reshape(-1, 3)
         if count - 1 <= np.linalg.matrix_rank(apart, tol=1e-3 * np.abs(apart).max(initial=1e-30)):
             return None
-        orders = [np.arange(count), *(_swapped(count, i, j) for i, j in pairs)]
-        fits = [_residual_maker(microphones[order], pairs) for order in orders]
-        misfits: list[Floats] = []
-        for frame in self._frames:
-            lags = np.array([_delay(frame[i, j], self._within(i, j, microphones, rate, FRAME)) for i, j in pairs])
-            if np.isfinite(lags).all():
-                misfits.append(np.array([np.sqrt(np.mean((fit @ lags) ** 2)) for fit in fits]))
-        if len(misfits) < MIN_FRAMES:
+        extent = float(np.linalg.norm(apart, axis=1).max()) * rate
+        # A channel that is later than that is beyond what the distance from each other one permits
+        near = np.abs(np.fft.fftfreq(FRAME, 1.0 / FRAME)) <= 3.0 * extent + SLACK_SAMPLES
+        lags = np.array([[_delay(frame[i, j], near) for i, j in pairs] for frame in self._frames])
+        lags = lags.reshape(-1, len(pairs))
+        lags = lags[np.isfinite(lags).all(axis=1)]
+        if len(lags) < MIN_FRAMES:
             return None
-        found = np.array(misfits)
-        explained = (found[:, :1] > MIN_MISFIT) & (found[:, :1] > MIN_GAIN * found[:, 1:])
-        named = [pairs[k] for k in np.flatnonzero(explained.mean(axis=0) >= MIN_SHARE).tolist()]
-        return Exchange(tuple(named), float(np.median(found[:, 0]))) if named else None
+        own, _ = _plane_wave_misfit(lags, apart, rate)
+        exchanged: dict[tuple[int, int], float] = {}
+        for i, j in pairs:
+            order = _swapped(count, i, j)
+            moved: Floats = np.array([microphones[order[k]] - microphones[order[m]] for k, m in pairs])
+            exchanged[i, j] = _plane_wave_misfit(lags, moved, rate)[0]
+        late: dict[int, tuple[float, float]] = {}  # misfit, delay [samples]
+        for channel in range(count):
+            with_it = np.array([float(i == channel) - float(j == channel) for i, j in pairs])
+            left = with_it - apart @ (np.linalg.pinv(apart, rcond=1e-3) @ with_it)
+            delay = float(np.median(lags @ left / (left @ left)))
+            rest, slowness = _plane_wave_misfit(lags - delay * with_it, apart, rate)
+            if slowness <= MAX_SLOWNESS:
+                late[channel] = rest, -delay
+        least = {"exchanged": min(exchanged.values()), "late": min((rest for rest, _ in late.values()), default=np.inf)}
+        # A delay has one more unknown than an exchange
+        kind = "late" if SIMILAR * (least["late"] + ERROR) < least["exchanged"] + ERROR else "exchanged"
+        if own - least[kind] > MIN_MISFIT and own > MIN_GAIN * least[kind]:
+            limit = SIMILAR * (least[kind] + ERROR) - ERROR
+            if kind == "exchanged":
+                return Misfit(own, tuple(pair for pair, rest in exchanged.items() if rest <= limit), {})
+            return Misfit(own, (), {channel: round(lag) for channel, (rest, lag) in late.items() if rest <= limit})
+        return Misfit(own, (), {}) if own > max(MAX_MISFIT_SAMPLES, MAX_MISFIT_EXTENTS * extent) else None
 
     def slowness(self, microphones: Floats, rate: float) -> float | None:
         """Delays of the fitted plane wave as a share of the longest possible ones; see `late` for the arguments.
@@ -161,32 +190,30 @@ class ChannelLags:
         apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs]).reshape(-1, 3)
         if np.linalg.matrix_rank(apart, tol=1e-3 * np.abs(apart).max(initial=1e-30)) < 2:
             return None
-        fit, residual = np.linalg.pinv(apart, rcond=1e-3), _residual_maker(microphones, pairs)
         longest, shares = float(np.linalg.norm(apart, axis=1).max()) * rate, []
+        near = np.abs(np.fft.fftfreq(FRAME, 1.0 / FRAME)) <= SEARCHED * longest + SLACK_SAMPLES
         for frame in self._frames:
-            near = [self._within(i, j, SEARCHED * microphones, rate, FRAME) for i, j in pairs]
-            lags = np.array([_delay(frame[i, j], near[n]) for n, (i, j) in enumerate(pairs)])
-            misfit = float(np.sqrt(np.mean((residual @ lags) ** 2)))
+            lags = np.array([_delay(frame[i, j], near) for i, j in pairs])
+            misfit, share = _plane_wave_misfit(lags[None], apart, rate)
             if misfit <= max(MIN_MISFIT, 0.1 * float(np.sqrt(np.mean(lags**2)))):
-                shares.append(float(np.linalg.norm(fit @ lags)) / rate)
+                shares.append(share)
         if len(shares) < max(MIN_FRAMES, MIN_SHARE * len(self._frames)):
             return None
         low, usual = float(np.quantile(shares, 1.0 - MIN_SHARE)), float(np.median(shares))
         large = low > MOST_SLOWNESS and (low - 1.0) * longest > MIN_EXCESS
         return usual if large or max(shares) < LEAST_SLOWNESS else None
 
-    def _within(self, i: int, j: int, microphones: Floats, rate: float, size: int = BLOCK) -> Bools:
-        """(size,) mask of lags, in the order of an FFT, that are possible for the distance of microphones i and j.
+    def _within(self, i: int, j: int, microphones: Floats, rate: float) -> Bools:
+        """(BLOCK,) mask of lags, in the order of an FFT, that are possible for the distance of microphones i and j.
 
         Args:
             i: microphone.
             j: microphone.
             microphones: (M, 3) positions, in seconds of the travel of sound.
             rate: samples per second.
-            size: number of lags.
         """
         limit = float(np.linalg.norm(microphones[i] - microphones[j])) * rate + SLACK_SAMPLES
-        return np.asarray(np.abs(np.fft.fftfreq(size, 1.0 / size)) <= limit)
+        return np.asarray(np.abs(np.fft.fftfreq(BLOCK, 1.0 / BLOCK)) <= limit)
 
     def late(self, microphones: Floats, rate: float) -> dict[int, int]:
         """Delays of channels [samples], by number from 0; negative: early.
@@ -232,16 +259,18 @@ class ChannelLags:
         return float(lags[best]), bool(near[best]), clear
 
 
-class Exchange(NamedTuple):
-    """Pairs of channels, one of which seems exchanged.
+class Misfit(NamedTuple):
+    """Delays that are not those of a plane wave.
 
     Attributes:
-        pairs: of channels, from 0; one of them is exchanged.
-        misfit: RMS difference of the delays from those of a plane wave [samples].
+        samples: RMS difference of the delays [samples], median over frames.
+        exchanged: pairs of channels, from 0, of which an exchange explains it.
+        late: delay [samples] by channel, from 0; the delay of any one of them explains it.
     """
 
-    pairs: tuple[tuple[int, int], ...]
-    misfit: float
+    samples: float
+    exchanged: tuple[tuple[int, int], ...]
+    late: dict[int, int]
 
 
 def _phat(samples: Floats) -> Floats:
@@ -282,10 +311,17 @@ def _swapped(count: int, i: int, j: int) -> Ints:
     return out
 
 
-def _residual_maker(microphones: Floats, pairs: Sequence[tuple[int, int]]) -> Floats:
-    """(P, P) projection matrix: residual of the delays of P pairs of `microphones` (M, 3) after a plane wave fit."""
-    apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs])
-    return np.eye(len(pairs)) - apart @ np.linalg.pinv(apart, rcond=1e-3)
+def _plane_wave_misfit(lags: Floats, apart: Floats, rate: float) -> tuple[float, float]:
+    """RMS difference of delays (n, P) [samples] of pairs from a plane wave, and its slowness; medians over n frames.
+
+    Args:
+        lags: delays.
+        apart: (P, 3) differences of the positions of the pairs, in seconds of sound.
+        rate: of the samples [Hz].
+    """
+    waves = lags @ np.linalg.pinv(apart, rcond=1e-3).T
+    rest = np.sqrt(np.mean((lags - waves @ apart.T) ** 2, axis=1))
+    return float(np.median(rest)), float(np.median(np.linalg.norm(waves, axis=1))) / rate
 
 
 def _connected(fits: Bools) -> list[list[int]]:
@@ -342,12 +378,12 @@ class Channels:
         self._lags.finish()
         return [n + 1 for n in self._lags.inverted(self._microphones, self._rate)]
 
-    def exchanged(self) -> Exchange | None:
-        """Numbers, from 1, of microphones that seem exchanged, if nothing else is wrong with their samples."""
+    @cached_property
+    def misfit(self) -> Misfit | None:
+        """Delays that are not those of a plane wave, if nothing else is wrong with the samples."""
         if self._microphones is None or self.silent() or self.alike() or self.late() or self.inverted():
             return None
-        found = None if self.unrelated() else self._lags.exchanged(self._microphones, self._rate)
-        return None if found is None else found._replace(pairs=tuple((i + 1, j + 1) for i, j in found.pairs))
+        return None if self.unrelated() else self._lags.misfit(self._microphones, self._rate)
 
     def slowness(self) -> float | None:
         """Share of the longest possible delays that those of plane waves have, if it is implausible."""
@@ -367,6 +403,14 @@ class Channels:
         """Numbers, from 1, of microphones that are nearly silent while others are not."""
         level = np.sqrt(self._squares)
         return (np.flatnonzero(level < SILENT * np.median(level)) + 1).tolist()
+
+    def unequal(self) -> dict[int, float]:
+        """Level [dB] relative to the usual one of microphones with another gain, by number from 1."""
+        level = np.sqrt(self._squares)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = 20.0 * np.log10(level / np.median(level))
+        silent = self.silent()
+        return {n + 1: float(ratio[n]) for n in np.flatnonzero(np.abs(ratio) > UNEQUAL).tolist() if n + 1 not in silent}
 
     def interrupted(self) -> dict[int, float]:
         """Share of intervals with sound in which a microphone has none, by number from 1, without `silent` ones."""
@@ -421,6 +465,17 @@ def _silent(channels: Mapping[str, Channels]) -> Iterator[Check]:
             yield finding(
                 SOUND, "microphone-interrupted", sensors=[name], microphones=_listed(gone), share=max(gone.values())
             )
+        for number, level in own.unequal().items():
+            side = "quieter" if level < 0.0 else "louder"
+            yield finding(
+                SOUND,
+                "microphone-gain",
+                sensors=[name],
+                microphones=str(number),
+                level=abs(level),
+                side=side,
+                allowed=UNEQUAL,
+            )
 
 
 def _clipped(channels: Mapping[str, Channels]) -> Iterator[Check]:
@@ -444,7 +499,10 @@ def _alike(channels: Mapping[str, Channels]) -> Iterator[Check]:
 
 def _late(channels: Mapping[str, Channels]) -> Iterator[Check]:
     for name, own in channels.items():
-        for number, lag in own.late().items():
+        lags = own.late()
+        if own.misfit is not None and len(own.misfit.late) == 1:
+            lags = {channel + 1: lag for channel, lag in own.misfit.late.items()}
+        for number, lag in lags.items():
             yield finding(
                 TOGETHER,
                 "microphone-late",
@@ -469,9 +527,15 @@ def _inverted(channels: Mapping[str, Channels]) -> Iterator[Check]:
 
 def _exchanged(channels: Mapping[str, Channels]) -> Iterator[Check]:
     for name, own in channels.items():
-        if (found := own.exchanged()) is not None:
-            pairs = " or ".join(f"{i} and {j}" for i, j in found.pairs)
-            yield finding(ORDER, "microphones-exchanged", sensors=[name], microphones=pairs, misfit=found.misfit)
+        found = own.misfit
+        if found is None or len(found.late) == 1:
+            continue
+        if found.exchanged:
+            pairs = " or ".join(f"{i + 1} and {j + 1}" for i, j in found.exchanged)
+            yield finding(ORDER, "microphones-exchanged", sensors=[name], microphones=pairs, misfit=found.samples)
+        else:
+            cause = f"; microphone {' or '.join(str(c + 1) for c in found.late)} may be late" if found.late else ""
+            yield finding(ORDER, "microphones-inconsistent", sensors=[name], misfit=found.samples, cause=cause)
 
 
 def _sizes(channels: Mapping[str, Channels]) -> Iterator[Check]:

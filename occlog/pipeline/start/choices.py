@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.console.text import counted
-from occlog.core.geometry.camera import is_upright, looks_away
+from occlog.core.geometry.camera import is_upright, looks_away, other_up_axis
 from occlog.errors import InputError, OcclogError
 from occlog.ingest.scene import Turn
 from occlog.io.files.names import match_sensor
@@ -619,9 +619,11 @@ def _put_calibration(made: Choices, calibration: OpenedCalibration) -> None:
         made.guess("ingest", "mirror", mirror, "all that the cameras see is behind them: a left-handed world, mirrored")
     if mirror is not None:
         cameras = tuple(Turn(mirror_matrix(str(mirror)), 0.0).camera(c) for c in cameras)
-    upright = is_upright(np.array([c.rotation for c in cameras]).reshape(-1, 3, 3))
+    rotations = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)
+    upright = is_upright(rotations)
     if not upright and not made.has("ingest", "up"):
-        made.guess("ingest", "up", "auto", "the calibration's world is not upright: turned by the cameras' horizons")
+        up = other_up_axis(rotations) or "auto"
+        made.guess("ingest", "up", up, "the calibration's world is not upright: turned by the cameras' horizons")
     low = [c.name for c in cameras if abs(float(c.position[2])) <= HEIGHT_SLACK]
     if (not upright or low) and made.value("ingest", "ground_height") is None:
         why = "its world is not upright" if not upright else f"camera {low[0]} is at height 0"

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import NS, Floats
+from occlog.records.columns import rows_by_label
 from occlog.records.tables import PeopleTracks
 from occlog.records.verdicts import Check, finding, outcome
 
@@ -19,81 +20,92 @@ MAX_SPEED, MAX_SPEED_IF_SHORT = 3.0, 1.8
 (3.1 m/s), of which tracks are no shorter than `SHORT_S`."""
 SHORT_S = 1.0
 """Mean duration of tracks [s] below which fast people are not tracked but mistaken for each other."""
+TOP, TOP_RATIO = 0.9, 1.6
+"""Quantile of the speeds that is compared, too, where others stand; ratio of its limit to that of the median."""
 MIN_TOP_SPEED = 0.15
-"""Speed [heights/s] that each person who covers a distance reaches at times, even in a queue: 0.26 m/s."""
-MIN_DISTANCE, MIN_TRACKS = 1.5, 2
-"""Extent [heights] of a track that covers a distance, and number of such tracks for a check of slowness."""
-MIN_ROWS, MIN_SHARE, TOP_SHARE = 50, 0.1, 0.05
-"""Rows of people who move, their share of all rows, and share of the rows of a track at its top speed."""
+"""Speed [heights/s] that each person who covers a leg reaches at times, even in a queue: 0.26 m/s."""
+LEG, MIN_LEGS, SLOW_SHARE = 0.3, 10, 0.5
+"""Distance [heights] of a leg of a track, number of slow ones, and their share of all, for people who are too slow."""
+MIN_ROWS, MIN_SHARE = 50, 0.1
+"""Rows of people who move, and their share of all rows."""
 BINS_PER_HEIGHT, MAX_BINS = 20, 4000
 """Bins of the histogram of speeds for 1 height/s; faster rows are in the last one."""
 
 
 class PeopleSpeeds:
-    """Speed, extent and duration of each track, over a stream of tables."""
+    """Speeds, durations and legs of tracks, over a stream of tables."""
 
     def __init__(self, person_height: float) -> None:
         """Start without tracks; `person_height` in the scene's unit."""
         self.height = person_height
         self.rows = 0
         self._bins = np.zeros(MAX_BINS, dtype=np.int64)
-        # Of each track: largest of -t [s], t, -x, x, -y, y; number of rows, and of those at its top speed
-        self._tracks: dict[int, Floats] = {}
+        # Of each track: first and last time [s]; x and y where its leg began, and the top speed since
+        self._tracks: dict[int, tuple[float, float]] = {}
+        self._legs: dict[int, tuple[Floats, float]] = {}
+        self.legs = self.slow_legs = 0
 
     def add(self, tracks: PeopleTracks) -> None:
-        """Add rows of tracks to the speeds, extents and durations."""
+        """Add rows of tracks, in the order of time."""
         if not len(tracks):
             return
         speed = np.hypot(tracks.vx, tracks.vy) / self.height
         bins = np.minimum(speed * BINS_PER_HEIGHT, MAX_BINS - 1).astype(np.int64)
         self._bins += np.bincount(bins, minlength=MAX_BINS)
         self.rows += len(tracks)
-        order = np.argsort(tracks.target_id, kind="stable")
-        ids, first = np.unique(tracks.target_id[order], return_index=True)
-        t_s = tracks.t_ns / NS
-        ends = np.column_stack([-t_s, t_s, -tracks.x, tracks.x, -tracks.y, tracks.y])[order]
-        counts = np.column_stack([np.ones(len(tracks)), speed >= MIN_TOP_SPEED])[order]
-        for id, most, count in zip(
-            ids.tolist(), np.maximum.reduceat(ends, first), np.add.reduceat(counts, first), strict=True
-        ):
-            known = self._tracks.get(id)
-            self._tracks[id] = (
-                np.append(most, count) if known is None else np.append(np.maximum(known[:6], most), known[6:] + count)
-            )
+        places = np.column_stack([tracks.x, tracks.y])
+        for id, rows in rows_by_label(tracks.target_id):
+            first, last = (float(tracks.t_ns[k]) / NS for k in (rows[0], rows[-1]))
+            self._tracks[id] = (self._tracks.get(id, (first, last))[0], last)
+            self._add_legs(id, places[rows], speed[rows])
+
+    def _add_legs(self, id: int, places: Floats, speed: Floats) -> None:
+        """Count the legs of a track: positions (n, 2), and their speeds (n,) [heights/s]."""
+        begin, top = self._legs.get(id, (places[0], 0.0))
+        while len(places):
+            beyond = np.flatnonzero(np.hypot(*(places - begin).T) >= LEG * self.height)
+            end = int(beyond[0]) + 1 if len(beyond) else len(places)
+            top = max(top, float(speed[:end].max()))
+            if len(beyond):
+                self.legs += 1
+                self.slow_legs += top < MIN_TOP_SPEED
+                begin, top = places[end - 1], 0.0
+            places, speed = places[end:], speed[end:]
+        self._legs[id] = (begin, top)
 
     @property
     def median(self) -> float:
         """Median speed [scene's unit/s] of the people who move; NaN where too few do."""
+        return self._quantile(0.5)
+
+    def _quantile(self, share: float) -> float:
+        """Quantile of the speeds [scene's unit/s] of the people who move; NaN where too few do."""
         moving = self._bins[round(MOVING * BINS_PER_HEIGHT) :]
         count = int(moving.sum())
         if count < max(MIN_ROWS, MIN_SHARE * self.rows):
             return float("nan")
-        middle = int(np.searchsorted(np.cumsum(moving), count / 2))
-        return (MOVING + (middle + 0.5) / BINS_PER_HEIGHT) * self.height
+        found = int(np.searchsorted(np.cumsum(moving), share * count))
+        return (MOVING + (found + 0.5) / BINS_PER_HEIGHT) * self.height
 
     def checks(self, unit: str) -> tuple[Check, ...]:
         """The check of speeds; `unit` of lengths."""
-        few = "" if np.isfinite(self.median) or len(self._slow()) >= MIN_TRACKS else "too few people move"
+        few = "" if np.isfinite(self.median) or self.slow_legs >= MIN_LEGS else "too few people move"
         return outcome(SPEEDS, self._findings(unit), unless=few, median=self.median)
 
     def _findings(self, unit: str) -> Iterator[Check]:
-        """Generate findings about people who are faster than any runner, or too slow for the distance they cover."""
-        tracks = np.array(list(self._tracks.values())).reshape(-1, 8)
-        life_s = float((tracks[:, 0] + tracks[:, 1]).mean()) if len(tracks) else 0.0
+        """Report people who are faster than any runner, or too slow for the distance they cover."""
+        ends = np.array(list(self._tracks.values())).reshape(-1, 2)
+        life_s = float((ends[:, 1] - ends[:, 0]).mean()) if len(ends) else 0.0
         limit = (MAX_SPEED if life_s >= SHORT_S else MAX_SPEED_IF_SHORT) * self.height
-        if self.median > limit:
-            yield finding(
-                SPEEDS, "speeds-high", speed=self.median, unit=unit, allowed=limit, life_s=life_s,
-                births_per_s=len(tracks) / max(float(tracks[:, 1].max() + tracks[:, 0].max()), 1e-9),
-            )  # fmt: skip
-        slow = self._slow()
-        if len(slow) >= MIN_TRACKS and np.count_nonzero(slow) > 0.5 * len(slow):
-            yield finding(SPEEDS, "speeds-low", count=int(np.count_nonzero(slow)), of=len(slow),
-                unit=unit, allowed=MIN_TOP_SPEED * self.height)  # fmt: skip
-
-    def _slow(self) -> Floats:
-        """(n,) 1 for each track that covers a distance and never reaches walking speed, else 0."""
-        tracks = np.array(list(self._tracks.values())).reshape(-1, 8)
-        extent = np.hypot(tracks[:, 2] + tracks[:, 3], tracks[:, 4] + tracks[:, 5])
-        far = tracks[extent >= MIN_DISTANCE * self.height]
-        return np.asarray(far[:, 7] < TOP_SHARE * far[:, 6], dtype=np.float64)
+        speeds = {"median": (self.median, limit), "upper tenth": (self._quantile(TOP), TOP_RATIO * limit)}
+        for which, (speed, allowed) in speeds.items():
+            if speed > allowed:
+                births_per_s = len(ends) / max(float(ends[:, 1].max() - ends[:, 0].min()), 1e-9)
+                yield finding(
+                    SPEEDS, "speeds-high", speed=speed, which=which, unit=unit, allowed=allowed, life_s=life_s,
+                    births_per_s=births_per_s,
+                )  # fmt: skip
+                return
+        if self.slow_legs >= MIN_LEGS and self.slow_legs > SLOW_SHARE * self.legs:
+            yield finding(SPEEDS, "speeds-low", count=self.slow_legs, of=self.legs, unit=unit,
+                leg=LEG * self.height, allowed=MIN_TOP_SPEED * self.height)  # fmt: skip

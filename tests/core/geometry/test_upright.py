@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.geometry.camera import is_upright, turn_upright, vertical
+from occlog.core.geometry.camera import is_upright, other_up_axis, turn_upright, vertical
 from occlog.records.scene import camera_rotation
 
 RNG = np.random.default_rng(1)
@@ -61,6 +61,32 @@ def test_the_world_of_a_camera_of_a_board_or_with_y_up_does_not():
     assert not is_upright(turned(ROUND, (1, 0, 0), 180))  # z down
     assert not is_upright(rig((0, 46, 0)))
     assert not is_upright(rig((0, 0, 31)))
+
+
+@pytest.mark.parametrize(
+    ("axis", "degrees", "up"),
+    [
+        ((1, 0, 0), -90, "y"),
+        ((1, 0, 0), 90, "-y"),
+        ((0, 1, 0), 90, "x"),
+        ((0, 1, 0), -90, "-x"),
+        ((1, 0, 0), 180, "-z"),
+    ],
+)
+def test_another_axis_that_is_up_in_all_images_is_named(
+    axis: tuple[float, float, float], degrees: float, up: str
+) -> None:
+    for rotations in (ROUND, ROUND[:1], ROUND[1:3], rig((90, -20, 0)), rig((-90, -20, 0), (-80, -30, 0))):
+        assert other_up_axis(turned(rotations, axis, degrees)) == up
+        assert not is_upright(turned(rotations, axis, degrees))
+        assert other_up_axis(rotations) is None
+
+
+def test_ceiling_cameras_and_those_that_hang_upside_down_have_z_up() -> None:
+    for pitch in range(-90, -75):
+        assert other_up_axis(rig((90, pitch, 0))) is None
+    for rotations in (rig((90, -85, 180)), rig((90, -30, 180)), rig((0, -44, 180)), rig((90, 30, 0))):
+        assert other_up_axis(rotations) is None
 
 
 def test_a_tilt_is_noticed_beyond_fifteen_degrees_where_horizons_agree():

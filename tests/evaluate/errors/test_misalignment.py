@@ -232,6 +232,21 @@ def test_a_turned_and_moved_world_is_found() -> None:
     assert found[0].met > 0.9
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_truth_with_y_up_is_named(sign: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    true = positions(2)
+    tracks, truth = ["time,id,x,y"], ["time,id,x,y,z"]
+    for n, (t, (x, y)) in enumerate(zip(true.t, true.xy, strict=True)):
+        tracks.append(f"{t:.1f},{n % 4},{x:.3f},{y:.3f}")
+        truth.append(f"{t:.1f},{n % 4},{x:.3f},0.9,{sign * y:.3f}")
+    for name, lines in (("tracks.csv", tracks), ("truth.csv", truth)):
+        (tmp_path / name).write_text("\n".join(lines) + "\n")
+    assert run(["evaluate", str(tmp_path / "tracks.csv"), "--truth", str(tmp_path / "truth.csv"), "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert found["id"] == "axes-differ"
+    assert "x and z of the truth" in found["message"]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_people_of_another_recording_are_no_change_of_this_one(seed: int) -> None:
     assert alternative(positions(10 + seed), positions(20 + seed), 1.0) is None

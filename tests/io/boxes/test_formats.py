@@ -105,12 +105,41 @@ def test_the_numbers_after_a_yolo_box_are_confidence_and_identity(
         ({"1.txt": "0 .5 .5 .1 .1\n", "2.txt": "0 .5 .5 .1 .1 .9 3\n"}, "lines of 5 and of 7"),
         ({"1.txt": "0 .5 .5 .1 .1 .9 3\n0 .6 .5 .1 .1 .8 3\n"}, "frame 1 .from 0.: identity 3 has two boxes"),
         ({"1.txt": "0 .5 .5 0 .1\n"}, "box of 0 x"),
+        ({"1.txt": ".5 .5 .1 .1 .9\n"}, "line 1: class is '.5'"),
         ({"readme.md": ""}, "holds no file of labels"),
     ],
 )
 def test_half_right_yolo_folders_are_refused(tmp_path: Path, files: dict[str, str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         read(BoxFile(yolo(tmp_path / "l", files), "a"))
+
+
+def people_in_shares(columns: str, people: int = 40) -> dict[str, str]:
+    """Labels with these columns of standing people who are anywhere in the image."""
+    rng = np.random.default_rng(0)
+    w, h = rng.uniform(0.05, 0.1, people), rng.uniform(0.3, 0.5, people)
+    x, y = rng.uniform(0.5 * w, 1.0 - 0.5 * w), rng.uniform(0.5 * h, 1.0 - 0.5 * h)
+    values = {"x": x, "y": y, "w": w, "h": h, "p": rng.uniform(0.3, 0.95, people)}
+    values |= {"l": x - 0.5 * w, "t": y - 0.5 * h, "r": x + 0.5 * w, "b": y + 0.5 * h}
+    return {
+        f"{n}.txt": " ".join(["0", *(f"{values[column][n]:.4f}" for column in columns)]) + "\n" for n in range(people)
+    }
+
+
+@pytest.mark.parametrize(
+    "columns", ["pxywh", "ltrbp", "ltrb", "ltwhp", "ltwh", "pltrb", "pltwh", "whxyp", "xyhwp", "xwyhp"]
+)
+def test_yolo_text_with_columns_in_another_order_is_refused(tmp_path: Path, columns: str) -> None:
+    with pytest.raises(InputError) as error:
+        read(BoxFile(yolo(tmp_path / "l", people_in_shares(columns)), "a"))
+    assert error.value.id == "unsupported-format"
+    named = str(error.value).partition("columns are class, ")[2].partition(";")[0].split(", ")
+    assert "".join(name[0] for name in named).replace("c", "p") == columns.removesuffix("p")
+
+
+@pytest.mark.parametrize("columns", ["xywhp", "xywh"])
+def test_yolo_text_with_columns_in_order_is_read(tmp_path: Path, columns: str) -> None:
+    assert len(read(BoxFile(yolo(tmp_path / "l", people_in_shares(columns)), "a"))[0].box) == 40
 
 
 def test_yolo_text_needs_the_size_of_the_images(tmp_path: Path) -> None:

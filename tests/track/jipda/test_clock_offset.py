@@ -9,7 +9,12 @@ from people_boxes import box, hall
 from occlog.track.methods.jipda.kernels.body_box import pack_views
 from occlog.track.methods.jipda.kernels.detections import PackedDetections
 from occlog.track.methods.jipda.kernels.lasting_errors.clock_residuals import clock_residuals
-from occlog.track.methods.jipda.lasting_errors.clock_offset import clock_offsets, prior_clocks, update_clocks
+from occlog.track.methods.jipda.lasting_errors.clock_offset import (
+    clock_drifts,
+    clock_offsets,
+    prior_clocks,
+    update_clocks,
+)
 from occlog.track.methods.jipda.lasting_errors.normal_equations import BATCH_S, MAX_BATCHES, MIN_BATCHES
 
 pytestmark = pytest.mark.jit
@@ -102,3 +107,28 @@ def test_cameras_that_share_no_people_have_no_offset() -> None:
     late, limit = clock_offsets(np.zeros((20, 3, 4)))
     assert not late.any()
     assert np.isinf(limit).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seconds", [60.0, 300.0])
+def test_a_drift_is_found_in_the_whole_recording(seconds: float, seed: int) -> None:
+    """The third of four cameras drifts by 1500 ppm; the last one is late by a constant."""
+    rng, laplacian = np.random.default_rng(seed), 4.0 * np.eye(4) - 1.0
+    for ppm in (0.0, 1500.0):
+        clocks = prior_clocks(4)
+        for t_s in np.arange(0.0, seconds, 0.25):
+            late = np.array([0.0, 0.0, 1e-6 * ppm * t_s, 0.1])
+            right = laplacian @ (late + rng.normal(0.0, 0.02, 4))
+            normal = np.column_stack([laplacian, right])
+            clocks = update_clocks(clocks, round(t_s * 1e9), normal, np.zeros((4, 5)))
+        assert len(clocks.history) <= MAX_BATCHES
+        drifts, limits = clock_drifts(clocks.history, clocks.history_s)
+        assert np.flatnonzero(drifts).tolist() == ([2] if ppm else [])
+        if ppm:
+            assert abs(1e6 * drifts[2] - ppm) < 1e6 * limits[2] < ppm
+
+
+def test_a_drift_is_not_estimated_in_short_recordings() -> None:
+    drifts, limits = clock_drifts(np.ones((10, 2, 3)), np.arange(10.0))
+    assert not drifts.any()
+    assert np.isinf(limits).all()

@@ -285,6 +285,21 @@ POSE = 51
 """Numbers of the 17 key points of a person, each with x, y and how visible it is."""
 SLACK = 1e-3
 """Tolerance of normalised coordinates beyond 1: labels have few digits."""
+MIN_LABELS, INSIDE, INSIDE_OF_OTHERS, BEYOND = 20, 0.95, 0.99, 0.02
+"""Labels of a camera of which the order of columns is checked, least share of boxes that are inside the image, least
+share in another order that is stated, and how far a box may end beyond the image, in sides of it."""
+CENTRE = ("x", "y", "width", "height")
+ORDERS = (
+    ("left", "top", "right", "bottom"),
+    ("confidence", *CENTRE),
+    ("left", "top", "width", "height"),
+    ("confidence", "left", "top", "right", "bottom"),
+    ("confidence", "left", "top", "width", "height"),
+    ("width", "height", "x", "y"),
+    ("x", "y", "height", "width"),
+    ("x", "width", "y", "height"),
+)
+"""Other orders of the columns after the class, the usual ones first."""
 Line = tuple[Path, int, int, list[str]]
 """File, line, number of the frame, and the numbers as text."""
 
@@ -383,6 +398,7 @@ def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterato
     if not lines:
         return
     tail = _tail(folder, lines)
+    _check_order(folder, lines)
     names = _class_names(folder)
     for start in range(0, len(lines), ROWS_PER_CHUNK):
         part = lines[start : start + ROWS_PER_CHUNK]
@@ -397,6 +413,41 @@ def _camera(folder: Path, camera: str | None, files: dict[int, Path]) -> Iterato
         rows = rows_of(folder, records, "line", [file for file, *_ in part])
         _check_shares(rows)
         yield rows
+
+
+def _check_order(folder: Path, lines: list[Line]) -> None:
+    """InputError if boxes are inside the image with another order of the columns, and not with the given one."""
+    count = min(len(numbers) for *_, numbers in lines) - 1
+    try:
+        values = np.array([numbers[1 : count + 1] for *_, numbers in lines], dtype=np.float64)
+    except ValueError:
+        return  # stated with its line where the value is read
+    now = _share_inside(CENTRE, values)
+    if len(values) < MIN_LABELS or now >= INSIDE:
+        return
+    shares = {order: _share_inside(order, values) for order in ORDERS if len(order) <= count}
+    best = max(shares, key=shares.__getitem__)
+    if shares[best] >= INSIDE_OF_OTHERS:
+        raise InputError(
+            f"{folder}: {now:.0%} of boxes are inside the image, and {shares[best]:.0%} if columns are "
+            f"class, {', '.join(best)}; write class, {', '.join(CENTRE)}, confidence",
+            id="unsupported-format",
+        )
+
+
+def _share_inside(order: Sequence[str], values: Floats) -> float:
+    """Share of the boxes, with columns (n, K) in this order, that are inside the image."""
+    column = dict(zip(order, values.T, strict=False))
+    if "x" in column:
+        column["left"] = column["x"] - 0.5 * column["width"]
+        column["top"] = column["y"] - 0.5 * column["height"]
+    near = np.array([column["left"], column["top"]])
+    far = np.array(
+        [column["right"], column["bottom"]]
+        if "right" in column
+        else near + np.array([column["width"], column["height"]])
+    )
+    return float(((near > -BEYOND) & (far < 1.0 + BEYOND) & (far > near)).all(axis=0).mean())
 
 
 def _read(file: Path, frame: int) -> list[Line]:
@@ -429,6 +480,12 @@ def _read(file: Path, frame: int) -> list[Line]:
                 "and identity; outlines and turned boxes cannot be used: write boxes (detect)",
                 id="unsupported-format",
             )
+        if not _whole(cells[0]):
+            raise InputError(
+                f"{file}: line {number}: class is {cells[0]!r}; a whole number was expected: the order is class, x, y, "
+                "width, height, [confidence] and identity",
+                id="unsupported-format",
+            )
         if " ".join(cells) in seen:
             raise InputError(
                 f"{file}: line {number}: duplicate box; Ultralytics appends to the files of an earlier "
@@ -438,6 +495,14 @@ def _read(file: Path, frame: int) -> list[Line]:
         seen.add(" ".join(cells))
         out.append((file, number, frame, cells))
     return out
+
+
+def _whole(text: str) -> bool:
+    """Whether a class is a name or a whole number, also as `0.0`."""
+    try:
+        return float(text).is_integer()
+    except ValueError:
+        return True
 
 
 def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:

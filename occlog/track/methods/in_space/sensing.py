@@ -56,7 +56,7 @@ class ScanDirections(NamedTuple):
 
 
 def pack_ears(scene: Scene) -> ArrayGeometry:
-    """Return positions, rotations (identity for cameras), ranges and pose errors of all sensors, cameras before arrays."""
+    """Return positions, rotations (identity for cameras), ranges and pose errors of all sensors, cameras first."""
     cameras, arrays = scene.cameras, scene.arrays
     eye = np.eye(3)
     return ArrayGeometry(

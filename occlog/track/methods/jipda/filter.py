@@ -334,7 +334,8 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     )
     if np.abs(poses.angles - state.poses.angles).max() > MIN_ANGLE:
         # Residuals of other orientations say nothing of the clocks
-        clocks = replace(prior_clocks(len(clocks.late)), late=clocks.late)
+        blank = prior_clocks(len(clocks.late))
+        clocks = replace(clocks, batches=blank.batches, sums=blank.sums, limit=blank.limit)
     positions = _learned_positions(state, frames, boxes, people, result.owner, result.beta)
     errors = update_common_error(
         state.common, t_ns, key=people.key, position=found.position, noise=found.variance + gait, config=config
@@ -448,6 +449,8 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
             np.array([np.count_nonzero(established(c).age >= STATIC_S) for c in clutter], dtype=np.int64),
             clocks.late,
             clocks.limit,
+            clocks.history,
+            clocks.history_s,
             poses.angles,
             poses.limit,
         ),

@@ -87,6 +87,8 @@ class DetectorEstimates(NamedTuple):
     static_clutter: Ints  # (C,) number of established sources of static clutter
     late: Floats  # (C,) offsets [s] of the clocks that are corrected, positive: frames show what was earlier; 0: none
     late_limit: Floats  # (C,) least significant offsets [s]; inf: not estimated
+    clock_history: Floats  # (B, C, C + 1) normal equations of the offsets in batches of the whole recording
+    clock_times_s: Floats  # (B,) their times [s]
     angles: Floats  # (C, 2) corrected rotations [rad] about the vertical and the horizontal axis of the camera
     angles_limit: Floats  # (C, 2) least significant angles [rad]; inf: not estimated
 

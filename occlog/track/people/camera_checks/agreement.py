@@ -19,6 +19,7 @@ from occlog.core.plane import inside_polygon
 from occlog.records.scene import Camera
 from occlog.records.verdicts import Check, Severity, finding, outcome
 from occlog.track.methods.jipda.interface import PositionSource, TrackSnapshot
+from occlog.track.methods.jipda.lasting_errors.clock_offset import clock_drifts
 from occlog.track.methods.jipda.lasting_errors.pose_offset import MIN_ANGLE
 
 from ..frame_detections import BoxStatistics, FrameDetectionsWithIds
@@ -89,6 +90,7 @@ class CameraAgreement:
         self.outside_room, self.rows, self.outside_by = 0, 0, np.zeros(n, dtype=np.int64)
         self.static = np.zeros(n, dtype=np.int64)
         self.late, self.late_limit = np.zeros(n), np.full(n, np.inf)
+        self.clock_history, self.clock_times_s = np.zeros((0, n, n + 1)), np.zeros(0)
         self.angles, self.angles_limit = np.zeros((n, 2)), np.full((n, 2), np.inf)
         self.common_sigma, self.common_time_s = float("nan"), float("nan")
 
@@ -98,6 +100,7 @@ class CameraAgreement:
             self.common_sigma, self.common_time_s = snapshot.detectors.common_sigma, snapshot.detectors.common_time_s
             self.static = np.maximum(self.static, snapshot.detectors.static_clutter)
             self.late, self.late_limit = snapshot.detectors.late, snapshot.detectors.late_limit
+            self.clock_history, self.clock_times_s = snapshot.detectors.clock_history, snapshot.detectors.clock_times_s
             self.angles, self.angles_limit = snapshot.detectors.angles, snapshot.detectors.angles_limit
         # A box of two people who touch stands in the rows of both: each takes half of it
         support = snapshot.support
@@ -200,9 +203,18 @@ class CameraAgreement:
                 yield finding(STATIC, "static-clutter", sensors=[name], count=count)
 
     def _late(self) -> Iterator[Check]:
-        """Generate findings about the cameras with a significant clock delay [s], estimated by the filter (`late`)."""
-        for name, late_s, limit_s in zip(self.names, self.late.tolist(), self.late_limit.tolist(), strict=True):
-            if late_s:
+        """Report the cameras with a significant drift or delay of the clock, by residuals of the filter."""
+        drifts, limits = clock_drifts(self.clock_history, self.clock_times_s)
+        span_s = float(np.ptp(self.clock_times_s)) if len(self.clock_times_s) else 0.0
+        for c, (name, late_s, limit_s) in enumerate(
+            zip(self.names, self.late.tolist(), self.late_limit.tolist(), strict=True)
+        ):
+            if drifts[c]:
+                ppm, size = 1e6 * float(drifts[c]), f"{abs(float(drifts[c])) * span_s:.2g}"
+                yield finding(
+                    TIMES, "camera-clock-drift", sensors=[name], ppm=ppm, allowed=1e6 * float(limits[c]), size=size
+                )
+            elif late_s:
                 size, side = f"{abs(late_s):.2g}", "late" if late_s > 0.0 else "early"
                 yield finding(
                     TIMES, "camera-late", sensors=[name], late_s=late_s, size=size, side=side, allowed=limit_s

@@ -43,9 +43,9 @@ class ScanDirectionSet(NamedTuple):
 class ReportProbabilities(NamedTuple):
     """Probabilities of detections, false alarms and clutter.
 
-    `false`: of a labelled direction being a false alarm; `soften`: factor of a direction's likelihood for a target out of
-    range; `candidate`: of the target being among a sensor's candidates; `clutter`: expected number of candidates of other
-    objects in a scan.
+    `false`: of a labelled direction being a false alarm; `soften`: factor of a direction's likelihood for a target
+    out of range; `candidate`: of the target being among a sensor's candidates; `clutter`: expected number of candidates
+    of other objects in a scan.
     """
 
     false: float
