@@ -9,6 +9,7 @@ from pathlib import Path
 import yaml
 
 from occlog import console
+from occlog.console.notes import begin_work, note_files
 from occlog.errors import ExitCode, OutputExistsError, UsageError, did_you_mean, nearest
 from occlog.io.files.atomic import open_output
 from occlog.io.files.texts.yaml import parse_yaml
@@ -62,6 +63,8 @@ def start(
     if written or _without_comments(path.read_text(encoding="utf-8")) != _without_comments(text):
         if not written and not overwrite:
             raise OutputExistsError(f"{path}: exists, and is another configuration")
+        note_files((item.path for item in found.items), [path])
+        begin_work()
         output.mkdir(parents=True, exist_ok=True)
         with open_output(path, overwrite=overwrite) as file:
             file.write(text.encode())
