@@ -58,7 +58,7 @@ def start(
             console.note(line, quiet)
     path = output / CONFIGURATION
     text = as_text(made, list(unused_lines(found, sources)), output)
-    if not path.is_file() or _without_comments(path.read_text(encoding="utf-8")) != _without_comments(text):
+    if not path.is_file() or _without_comments(path.read_text("utf-8", "replace")) != _without_comments(text):
         if path.exists() and not overwrite:
             raise OutputExistsError(f"{path}: exists, and is another configuration")
         output.mkdir(parents=True, exist_ok=True)
