@@ -50,7 +50,24 @@ def with_zone(name: bytes) -> bytes:
     return out.getvalue().replace(b"XY\0", name + b"\0")
 
 
+def with_name(name: bytes) -> bytes:
+    """A table of Arrow with a column of that name, of two bytes."""
+    table = pa.table({"XY": pa.array([1], pa.timestamp("ns")), "track_id": [1], "x_m": [1.0], "y_m": [2.0]})
+    out = io.BytesIO()
+    with pa.ipc.new_file(out, table.schema) as writer:
+        writer.write_table(table)
+    return out.getvalue().replace(b"XY\0", name + b"\0")
+
+
 FINDINGS = [
+    (
+        "boxes (CVAT)",
+        seeds.CVAT[1].replace('id="0"', f'id="{"9" * 4400}"').encode(),
+        "a cell of more than 200 characters",
+    ),
+    ("boxes (CVAT)", seeds.CVAT[1].replace('id="0"', 'id="²"').encode(), "frame"),
+    ("positions", b"frame,x,y\n9007199254740993,1,2\n", "p.csv: frame 9007199254740993: its time"),
+    ("foreign table (Arrow)", with_name(b"\xd3C"), "damaged or not an Arrow file"),
     ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),
     ("trajectories (TRC)", seeds.TRC.encode() + b"2\t0.2\t" + b"1" * 201 + b"\t2\t0\n", "a cell of more than 200 char"),
     ("trajectories (TRC)", seeds.TRC.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
