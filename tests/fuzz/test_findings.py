@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 from places import EXAMPLES
@@ -298,6 +299,13 @@ def test_large_covariances_stay_what_they_are(tmp_path: Path) -> None:
     path = tmp_path / "m.json"
     path.write_text(json.dumps({**json.loads(seeds.MOTION), "sigma": (1.2e308 * np.eye(4)).tolist()}))
     assert np.array_equal(read_motion(path).sigma, 1.2e308 * np.eye(4))
+
+
+def test_a_table_without_times_is_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = pq.read_table(io.BytesIO(seeds.tables()[0]))
+    pq.write_table(table.set_column(0, "t_ns", pa.nulls(len(table), pa.int64())), tmp_path / "t.parquet")
+    assert run(["info", str(tmp_path / "t.parquet")]) == ExitCode.DONE
+    assert "time  " not in capsys.readouterr().out
 
 
 def test_names_in_files_move_no_cursor(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
