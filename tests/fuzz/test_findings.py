@@ -301,6 +301,13 @@ def test_large_covariances_stay_what_they_are(tmp_path: Path) -> None:
     assert np.array_equal(read_motion(path).sigma, 1.2e308 * np.eye(4))
 
 
+def test_names_of_thousands_of_characters_fill_no_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(f"occlog_sweep: 1\nscene: {'s' * 3000}\n")
+    assert run(["sweep", str(path), "-o", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
+    assert len(capfd.readouterr().err) <= 430
+
+
 def test_a_table_without_times_is_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = pq.read_table(io.BytesIO(seeds.tables()[0]))
     pq.write_table(table.set_column(0, "t_ns", pa.nulls(len(table), pa.int64())), tmp_path / "t.parquet")
