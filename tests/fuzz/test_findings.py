@@ -64,9 +64,10 @@ FINDINGS = [
     (
         "boxes (CVAT)",
         seeds.CVAT[1].replace('id="0"', f'id="{"9" * 4400}"').encode(),
-        "a cell of more than 200 characters",
+        "b.xml: image 999",
     ),
     ("boxes (CVAT)", seeds.CVAT[1].replace('id="0"', 'id="²"').encode(), "frame"),
+    ("boxes (CVAT)", seeds.CVAT[1].replace('id="0"', 'id="1000000000"').encode(), "b.xml: image 1000000000: "),
     ("positions", b"frame,x,y\n9007199254740993,1,2\n", "p.csv: frame 9007199254740993: its time"),
     ("foreign table (Arrow)", with_name(b"\xd3C"), "damaged or not an Arrow file"),
     ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),

@@ -60,7 +60,7 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
     with guarded(path, WHAT):
         root = parse_xml(path.read_text(encoding="utf-8-sig"), path)
     records = [*_of_tracks(path, root), *_of_images(path, root)]
-    listed = _listed(root)
+    listed = _listed(path, root)
     if not records and listed is None:
         raise InputError(
             f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)",
@@ -121,11 +121,16 @@ def _edges(box: Element, where: str) -> dict[str, str]:
     return {name: str(box.get(key)) for key, name in EDGES.items()}
 
 
-def _listed(root: Element) -> Ints | None:
+def _listed(path: Path, root: Element) -> Ints | None:
     """Numbers of the annotated frames; None if not stated."""
     images = [image.get("id", "") for image in root.iter("image")]
     if images and all(number.isdecimal() for number in images):
-        return np.unique(np.array([min(_order(number), MAX_FRAMES) for number in images], dtype=np.int64))
+        last = max(images, key=_order)
+        if _order(last) >= MAX_FRAMES:
+            raise InputError(
+                f"{path}: image {last:.24}: its id, a frame number, must be below {MAX_FRAMES}; correct it"
+            )
+        return np.unique(np.array([int(number) for number in images], dtype=np.int64))
     first, last = (next((e.text or "" for e in root.iter(name)), "") for name in ("start_frame", "stop_frame"))
     if not (first.isdecimal() and last.isdecimal() and _order(first) <= _order(last) < MAX_FRAMES):
         return None
