@@ -344,8 +344,8 @@ def _time_span(file: SizedFile) -> list[int] | None:
         return None  # times of another program
     groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]
     ends = [pa.Table.from_batches(_times(file, n)).column(0) for n in groups[:1] + groups[-1:]]
-    span = [ends[0][0].as_py(), ends[-1][-1].as_py()] if ends else [None]
-    return None if None in span else span
+    first, last = (ends[0][0].as_py(), ends[-1][-1].as_py()) if ends else (None, None)
+    return None if first is None or last is None else [first, last]
 
 
 def _times(file: SizedFile, group: int) -> list[pa.RecordBatch]:
