@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
 from enum import IntEnum
 
+LONGEST_LIST = 200
+"""Largest number of characters of a list of valid names in a message."""
 _OPTION = re.compile(r"(?:\ue000|\\ue000)([\w.]+)(?:\ue001|\\ue001)")
 
 
@@ -133,7 +135,9 @@ class NoSceneError(UsageError):
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", owner: str = "") -> str:
-    """Return a hint for an unknown name: `did you mean 'X'?`, or the list of all known names if none is similar.
+    """Return a hint for an unknown name: `did you mean 'X'?`, or the list of known names if none is similar.
+
+    A long list is cut.
 
     Args:
         name: the unknown name.
@@ -143,7 +147,13 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str = "there are", 
     """
     names = list(known)
     near = nearest(name, names, owner=owner)
-    return f"did you mean {' or '.join(map(repr, near))}?" if near else f"{otherwise} {', '.join(names) or 'none'}"
+    if near:
+        return f"did you mean {' or '.join(map(repr, near))}?"
+    listed = ", ".join(names) or "none"
+    if len(listed) > LONGEST_LIST:
+        listed = listed[:LONGEST_LIST].rpartition(", ")[0]
+        listed += f" and {len(names) - listed.count(', ') - 1} more"
+    return f"{otherwise} {listed}"
 
 
 def nearest(name: str, known: Iterable[str], n: int = 1, cutoff: float = 0.6, owner: str = "") -> list[str]:

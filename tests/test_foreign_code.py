@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import numba
 import pytest
 from numba.core import caching
+from places import EXAMPLES
 
+from occlog.cli.main import run
 from occlog.console.foreign_code import is_own
 from occlog.core import plane as polygons
 from occlog.core.numerics.kernel_cache import CONFIGURATION, KernelCache
@@ -19,6 +25,13 @@ from occlog.core.numerics.kernel_cache import CONFIGURATION, KernelCache
 WITNESS = "witness.txt"
 IMPORTED = ("json", "socket", "pickle", "threading", "click", "pathlib", "contextlib", "numba", "numpy", "yaml")
 """Modules that the program imports, as files of the current folder."""
+ALL = (*sys.stdlib_module_names, *packages_distributions(), "sitecustomize", "usercustomize", "conftest")
+"""Every module that there is, and those that Python and others import where they exist."""
+STAGES = "occlog_run: 1\nseed: 1\nrecording: data/recording.mcap\ntrack: {method: fix}\nevaluate: {}\nreport: {}\n"
+SWEEP = (
+    "occlog_sweep: 1\nscene: room.yaml\nseed: 1\nruns: 1\nsimulate: {steps: 3}\ntrack: {particles: 5}\n"
+    "order: [southwest, southeast]\nvary: {cameras: [1, 2]}\n"
+)
 
 
 class Payload:
@@ -34,17 +47,23 @@ class Payload:
 @pytest.fixture
 def hostile(tmp_path: Path) -> Path:
     """A folder with modules that leave a witness when they are imported."""
-    folder = tmp_path / "hostile"
+    return filled(tmp_path / "hostile", IMPORTED)
+
+
+def filled(folder: Path, modules: Iterable[str]) -> Path:
+    """Make a folder with modules, plug-ins, and configurations of libraries; what runs leaves a witness in it."""
     folder.mkdir()
-    for name in IMPORTED:
-        text = f"import os\nopen({str(folder / WITNESS)!r}, 'w').write({name!r})\nos._exit(99)\n"
-        (folder / f"{name}.py").write_text(text)
+    witness = str(folder / WITNESS)
+    for name in modules:
+        (folder / f"{name}.py").write_text(f"import os\nopen({witness!r}, 'w').write({name!r})\nos._exit(99)\n")
+    (folder / ".pdbrc").write_text(f"!open({witness!r}, 'w')\n")
+    (folder / CONFIGURATION).write_text("disable_jit: 1\ndebug: 1\n")
     # A package with plug-ins, and a configuration of matplotlib that names a module of this folder
     (folder / "evil-1.0.dist-info").mkdir()
     (folder / "evil-1.0.dist-info/METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")
     points = "".join(f"[occlog.{group}]\nevil = json:evil\n" for group in ("readers", "tracking_methods"))
     (folder / "evil-1.0.dist-info/entry_points.txt").write_text(points)
-    (folder / "matplotlibrc").write_text("backend: module://json\n")
+    (folder / "matplotlibrc").write_bytes(b"backend: module://json\nunknown: 1\n# \xff\n")
     return folder
 
 
@@ -145,3 +164,45 @@ print(subprocess.run(command, env=environment_for_children(), capture_output=Tru
     done = started(hostile, str(script), PYTHONPATH=os.pathsep.join(["", ".", os.environ.get("PYTHONPATH", "")]))
     assert str(hostile) not in done.stdout
     assert "socket.py" in done.stdout or not done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.drawn
+def test_whole_runs_execute_and_follow_nothing_of_their_folders(tmp_path: Path) -> None:
+    """Of the current folder, of that of the inputs, and of that in which a packed run is unpacked."""
+    clean, folder = tmp_path / "clean", filled(tmp_path / "hostile", ALL)
+    (clean / "data").mkdir(parents=True)
+    made = str(clean / "data/recording.mcap")
+    assert run(["simulate", str(EXAMPLES / "room.yaml"), "-o", made, "--seconds", "0.2", "--seed", "1"]) == 0
+    (clean / "run.yaml").write_text(STAGES)
+    assert run(["run", str(clean / "run.yaml"), "-o", str(clean / "run"), "-q"]) == 0
+    packed = ["pack", str(clean / "run"), "--config", str(clean / "run.yaml"), "-o", str(folder / "run.zip")]
+    assert run(packed) == 0
+    data = filled(folder / "data", ALL)
+    shutil.copy(made, data)
+    shutil.copy(EXAMPLES / "room.yaml", data)
+    (data / "each.yaml").write_text(STAGES.replace("recording: data/recording.mcap\n", ""))
+    (data / "sweep.yaml").write_text(SWEEP)
+    (folder / "run.yaml").write_text(STAGES)
+    commands = [
+        ["verify", "run.zip", "-q"],
+        ["run", "run.yaml", "-o", "out", "-q"],
+        ["batch", "data/each.yaml", "data/recording.mcap", "-o", "batch", "--workers", "1", "-q"],
+        ["sweep", "data/sweep.yaml", "-o", "sweep", "--workers", "1", "-q"],
+        ["plan", "data/room.yaml", "--cells", "4", "--samples-per-cell", "4", "--report", "plan.html", "-q"],
+        ["start", "data", "-o", "started", "--as", "room.yaml=unused", "--write-only", "-q"],
+    ]
+    script = tmp_path / "script.py"
+    script.write_text(f"""
+from occlog import __main__
+if __name__ == "__main__":
+    from occlog.cli.main import run
+    print([run(words) for words in {json.dumps(commands)}])
+""")
+    own = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_JIT") if name in os.environ}
+    done = started(folder, str(script), TMPDIR=str(folder), **own)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == str([0] * len(commands)), done.stdout
+    assert not list(tmp_path.rglob(WITNESS))
+    for name in ("tracks.parquet", "report.html"):
+        assert (folder / "out" / name).read_bytes() == (clean / "run" / name).read_bytes()

@@ -8,7 +8,7 @@ import pytest
 
 import occlog
 from occlog.cli.main import run
-from occlog.errors import ExitCode, InputError, UsageError, nearest
+from occlog.errors import LONGEST_LIST, ExitCode, InputError, UsageError, did_you_mean, nearest
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.arrow import arrow_schema, check_schema
 from occlog.io.formats.scenes.scene import scene_from_yaml, scene_to_yaml
@@ -66,3 +66,13 @@ def test_an_old_column_is_answered():
     old = [field.with_name("doubt") if field.name == "quality_flags" else field for field in schema]
     with pytest.raises(InputError, match="quality_flags"):
         check_schema(Path("diagnostics.parquet"), pa.schema(old, schema.metadata), Diagnostics)
+
+
+def test_a_list_of_valid_names_is_as_long_as_a_line_has_space() -> None:
+    names = [f"name_{n}" for n in range(100)]
+    assert did_you_mean("q", names[:2]) == "there are name_0, name_1"
+    text = did_you_mean("q", names)
+    shown = text.removeprefix("there are ").partition(" and ")[0].split(", ")
+    assert shown == names[: len(shown)]
+    assert text.endswith(f" and {len(names) - len(shown)} more")
+    assert len(", ".join(shown)) <= LONGEST_LIST

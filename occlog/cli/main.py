@@ -15,6 +15,7 @@ from typing import NamedTuple
 import click
 
 from occlog import __version__
+from occlog.console.foreign_code import hidden
 from occlog.console.interrupts import INTERRUPTS
 from occlog.console.notes import DRY_RUN, NOTED_ONCE, QUIET, DryRunPlan, DryRunStop
 from occlog.errors import ExitCode, OcclogError, OutputExistsError, nearest
@@ -280,7 +281,8 @@ def run(args: list[str] | None = None) -> int:
     loud = QUIET.set(False)
     try:
         try:
-            result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)
+            with hidden("matplotlibrc"):
+                result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)
         finally:
             # Words that cannot be parsed leave no context that would be closed
             QUIET.reset(loud)

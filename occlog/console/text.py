@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-LONGEST = 2000
+LONGEST = 400
 """Characters of a line that is reported, at most."""
 LONGEST_QUOTED = 80
 """Characters of a value in quotes in such a line: it may come from a file."""

@@ -181,9 +181,8 @@ def _of_plugin(name: str, names: Sequence[str]) -> dict[str, object]:
 
     found = [plugin for plugin in installed() if plugin.name == name]
     if not found:
-        raise UsageError(
-            f"no schema {name!r}; {did_you_mean(name, [*names, *(p.name for p in installed())])}", id="unknown-name"
-        )
+        hint = did_you_mean(name, [*names, *(p.name for p in installed())], "`occlog schema` lists all:")
+        raise UsageError(f"no schema {name!r}; {hint}", id="unknown-name")
     parts = {part_key(plugin.kind): json_schema(plugin.load().settings) for plugin in found}
     title = f"{found[0].label}: settings" if len(found) == 1 else f"plug-ins {name}: settings"
     head: dict[str, object] = {"$schema": DRAFT, "title": title}

@@ -402,7 +402,9 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons
             known = ", ".join(c.name for c in scene.cameras) or "none"
             others = [each for each in kept if each not in wanted] if name not in reasons else []
             renamed = f"name its files as there ({others[0]}=FILE), " if others else ""
+            file = next(iter(plan.bags if name in reasons else plan.calibration), plan.scene)
             raise InputError(
+                f"{f'{file}: ' if file else ''}"
                 f"camera {name}: has no calibration ({reasons.get(name, f'calibrated: {known}')}); {renamed}add it to "
                 f"the calibration or the scene, or give {option('allow_uncalibrated')} (tracked in its images only)",
                 id="missing-pose",

@@ -37,7 +37,10 @@ from mcap.reader import make_reader
 
 import occlog
 from occlog.cli.main import run
+from occlog.console.text import escaped
 from occlog.errors import ExitCode
+from occlog.pipeline.executors import chosen
+from occlog.pipeline.executors.interface import InThisProcess
 
 from . import seeds
 from .mutations import LONGEST, MCAP, PARQUET, ZIP, Layer, changed, draw
@@ -140,18 +143,22 @@ def _make_files(folder: Path) -> None:
     (folder / "video.mcap").write_bytes(seeds.foxglove_bag(messages))
     (folder / "small.avi").write_bytes(seeds.videos_avi()[0])
     (folder / "tracks.gpx").write_text(seeds.GPX)
+    (folder / "pair.json").write_text(seeds.EPIPOLAR.replace("cam1", "a").replace("cam2", "b"))
+    rows = "".join(f"a,b,{37 * k % 640},{91 * k % 480},{53 * k % 640},{29 * k % 480}\n" for k in range(12))
+    (folder / "pair.csv").write_text(seeds.MATCHES.partition("\n")[0] + f"\n{rows}")
     (folder / "ellipses.csv").write_text(seeds.ELLIPSES.replace("view1", "1").replace("3\n", "0\n"))
     bearings = ("southwest,0.64", "southeast,2.5", "northeast,-2.5", "northwest,-0.64")
     rows = "".join(f"{n / 10},{row},0.05\n" for n in range(8) for row in bearings)
     (folder / "bearings.csv").write_text(f"time,sensor,bearing_rad,sigma_rad\n{rows}")
-    (folder / "walk.yaml").write_text(
-        "occlog_run: 1\nrecording: walk.mcap\ntrack: {particles: 20}\nevaluate: {}\nreport: {}\n"
-    )
+    stages = "track: {particles: 20}\nevaluate: {}\n"
+    (folder / "walk.yaml").write_text(f"occlog_run: 1\nrecording: walk.mcap\n{stages}report: {{}}\n")
+    (folder / "each.yaml").write_text(f"occlog_run: 1\n{stages}")
     tiny = folder / "tiny"
     shutil.copytree(folder / "sample_data/boxes", tiny)
     for name, rows in (("left.csv", 40), ("right.csv", 40), ("truth.csv", 40)):
         text = (tiny / name).read_text().splitlines(keepends=True)
         (tiny / name).write_text("".join(text[:rows]))
+    (tiny / "plain.yaml").write_text((tiny / "run.yaml").read_text().partition("report:")[0])
     for name in ("README.md", "make.py"):
         (tiny / name).unlink()
     sweep = (folder / "sweep.yaml").read_text().replace("examples/", "../examples/")
@@ -355,7 +362,7 @@ def _names(line: str, name: str) -> bool:
     if name.startswith("--") and name in line:
         return True
     path = Path(name.rpartition("=")[2])
-    whole = f" {name or '.'}: " in line or repr(name) in line
+    whole = f" {escaped(name) or '.'}: " in line or repr(name) in line
     return whole or bool(path.suffix and path.name in line) or any(part in line for part in path.parts[:-1])
 
 
@@ -400,6 +407,8 @@ def try_commands(
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
     cv2.setNumThreads(0)
+    # An attempt is a process already; new ones of a batch would import everything again
+    chosen.Processes = lambda _: InThisProcess()  # type: ignore[misc,assignment]
     root = Path(tempfile.mkdtemp(prefix="occlog-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
     try:
         make(out / "made")

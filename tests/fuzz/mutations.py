@@ -7,7 +7,9 @@ millions, and a finding can be written down.  The same changes of the same bytes
 from __future__ import annotations
 
 import gzip
+import hashlib
 import io
+import json
 import re
 import struct
 import zipfile
@@ -25,6 +27,8 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
+
+from occlog.pipeline.pack.archive import INPUTS, MANIFEST, OUTPUTS
 
 LONGEST = 1 << 18
 """Bytes of an input: what is larger takes time, and shows nothing else."""
@@ -450,9 +454,23 @@ def _zip_parts(data: bytes) -> list[bytes]:
 def _pack_zip(data: bytes, number: int, part: bytes) -> bytes:
     out = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new:
-        for n, name in enumerate(old.namelist()):
-            new.writestr(name, part if n == number else old.read(name))
+        members = {name: part if n == number else old.read(name) for n, name in enumerate(old.namelist())}
+        name = list(members)[number]
+        if MANIFEST in members and name != MANIFEST:
+            members[MANIFEST] = _restated(members[MANIFEST], name, part)
+        for name, content in members.items():
+            new.writestr(name, content)
     return out.getvalue()
+
+
+def _restated(manifest: bytes, name: str, part: bytes) -> bytes:
+    """The manifest of a packed run, with size and digest of a file as they are."""
+    stated = json.loads(manifest)
+    folder, _, path = name.partition("/")
+    for file in stated[{INPUTS: "inputs", OUTPUTS: "outputs"}[folder]]:
+        if file["path"] == path:
+            file |= {"bytes": len(part), "sha256": hashlib.sha256(part).hexdigest()}
+    return json.dumps(stated).encode()
 
 
 @lru_cache(maxsize=512)

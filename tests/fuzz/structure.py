@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
 
-from .mutations import MCAP
+from .mutations import MCAP, ZIP
 
 OTHERS: tuple[Any, ...] = (
     *(None, True, 0, -1, 2.5, 2**31, 2**63, 1e300, "", "x", "7", [], {}, [[]], [0], [None], [1, 2, 3], ["x"]),
@@ -55,6 +55,10 @@ def restructured(data: bytes, random: Random) -> bytes:
         return _with_table(data, random)
     if data.startswith(b"\x89MCAP"):
         return _with_message(data, random)
+    if data.startswith(b"PK"):
+        parts = ZIP.parts(data)
+        number = random.randrange(len(parts))
+        return ZIP.pack(data, number, restructured(parts[number], random))
     text = data.decode()
     try:
         return _with_value(yaml.safe_load(text), random)

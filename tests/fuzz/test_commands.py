@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import shlex
+import zipfile
 from pathlib import Path
 from random import Random
 
@@ -12,9 +14,11 @@ import pytest
 from command_lines import refusal
 
 from occlog.cli.main import COMMANDS
+from occlog.pipeline.pack.archive import LOCK, MANIFEST, Manifest, PackedFile, lock_text, manifest_bytes, unpack
 
 from . import seeds
 from .commands import Attempt, Ended, draw_attempt, fault, inputs_of, sections, stamps, tried
+from .mutations import ZIP
 from .structure import restructured
 
 OTHERS = {"reproduce", "plugin"}
@@ -86,3 +90,21 @@ def test_tables_and_descriptions_get_another_structure() -> None:
         assert len({restructured(data, random) for _ in range(30)}) > 10
     with pytest.raises(ValueError, match="no"):
         restructured(b"words", random)
+
+
+def test_a_changed_member_of_a_packed_run_is_as_its_manifest_states(tmp_path: Path) -> None:
+    def packed(name: str, data: bytes) -> PackedFile:
+        return PackedFile(name, hashlib.sha256(data).hexdigest(), len(data))
+
+    manifest = Manifest(1, "1", {}, "r.yaml", "out", [packed("r.yaml", b"a: 1")], [packed("t.csv", b"x\n")], {})
+    members = {MANIFEST: manifest_bytes(manifest), LOCK: lock_text(manifest)}
+    members |= {"inputs/r.yaml": b"a: 1", "run/t.csv": b"x\n"}
+    with zipfile.ZipFile(tmp_path / "run.zip", "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    for number in (2, 3):
+        changed = ZIP.pack((tmp_path / "run.zip").read_bytes(), number, b"changed")
+        (tmp_path / "changed.zip").write_bytes(changed)
+        (tmp_path / str(number)).mkdir()
+        unpack(tmp_path / "changed.zip", tmp_path / str(number))
+        assert (tmp_path / str(number) / list(members)[number]).read_bytes() == b"changed"

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 from places import EXAMPLES
@@ -50,7 +51,25 @@ def with_zone(name: bytes) -> bytes:
     return out.getvalue().replace(b"XY\0", name + b"\0")
 
 
+def with_name(name: bytes) -> bytes:
+    """A table of Arrow with a column of that name, of two bytes."""
+    table = pa.table({"XY": pa.array([1], pa.timestamp("ns")), "track_id": [1], "x_m": [1.0], "y_m": [2.0]})
+    out = io.BytesIO()
+    with pa.ipc.new_file(out, table.schema) as writer:
+        writer.write_table(table)
+    return out.getvalue().replace(b"XY\0", name + b"\0")
+
+
 FINDINGS = [
+    (
+        "boxes (CVAT)",
+        seeds.CVAT[1].replace('id="0"', f'id="{"9" * 4400}"').encode(),
+        "b.xml: image 999",
+    ),
+    ("boxes (CVAT)", seeds.CVAT[1].replace('id="0"', 'id="²"').encode(), "frame"),
+    ("boxes (CVAT)", seeds.CVAT[1].replace('id="0"', 'id="1000000000"').encode(), "b.xml: image 1000000000: "),
+    ("positions", b"frame,x,y\n9007199254740993,1,2\n", "p.csv: frame 9007199254740993: its time"),
+    ("foreign table (Arrow)", with_name(b"\xd3C"), "damaged or not an Arrow file"),
     ("trajectories (TRC)", seeds.TRC.encode() + b"\xed", "not UTF-8 text"),
     ("trajectories (TRC)", seeds.TRC.encode() + b"2\t0.2\t" + b"1" * 201 + b"\t2\t0\n", "a cell of more than 200 char"),
     ("trajectories (TRC)", seeds.TRC.encode() + b" " * 1_000_001, "longer than 1000000 characters"),
@@ -281,6 +300,20 @@ def test_large_covariances_stay_what_they_are(tmp_path: Path) -> None:
     path = tmp_path / "m.json"
     path.write_text(json.dumps({**json.loads(seeds.MOTION), "sigma": (1.2e308 * np.eye(4)).tolist()}))
     assert np.array_equal(read_motion(path).sigma, 1.2e308 * np.eye(4))
+
+
+def test_names_of_thousands_of_characters_fill_no_screen(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "s.yaml"
+    path.write_text(f"occlog_sweep: 1\nscene: {'s' * 3000}\n")
+    assert run(["sweep", str(path), "-o", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
+    assert len(capfd.readouterr().err) <= 430
+
+
+def test_a_table_without_times_is_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = pq.read_table(io.BytesIO(seeds.tables()[0]))
+    pq.write_table(table.set_column(0, "t_ns", pa.nulls(len(table), pa.int64())), tmp_path / "t.parquet")
+    assert run(["info", str(tmp_path / "t.parquet")]) == ExitCode.DONE
+    assert "time  " not in capsys.readouterr().out
 
 
 def test_names_in_files_move_no_cursor(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

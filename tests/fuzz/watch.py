@@ -97,7 +97,7 @@ class Watch:
         grown, self._peak = (peak - self._peak) >> 10, max(peak, self._peak)
         if outcome.found:
             return outcome
-        if reported and not reader.noisy:
+        if reported and not reported.startswith(f"occlog: warning: {path}: ") and not reader.noisy:
             return Outcome("standard error", reported)
         if left:
             for each in left:

@@ -332,7 +332,7 @@ def test_a_camera_without_pose_or_calibration_is_refused_with_the_reason(
 ) -> None:
     unplaced = ros.write_mcap(tmp_path / "a.mcap", rig()[1:])
     text = refused(capsys, unplaced, code=ExitCode.BAD_INPUT)
-    assert "camera cam: has no calibration (no transforms determine where its frame 'cam_optical' is)" in text
+    assert "a.mcap: camera cam: has no calibration (no transforms determine where its frame 'cam_optical' is)" in text
     assert made(unplaced, "--allow-uncalibrated").cameras == ("cam",)
     (tmp_path / "scene.yaml").write_text(SCENE)
     scene = made(unplaced, "--scene", str(tmp_path / "scene.yaml"), "--topic", "front=/cam/image_raw").scene

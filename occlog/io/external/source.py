@@ -342,15 +342,15 @@ def _find_source(path: Path) -> ColumnSource | None:
     if head.startswith(PARQUET_MAGIC):
         with _translated(path, "Parquet"), open_parquet(path) as file:
             schema = file.schema_arrow
-        return (
-            None
-            if SCHEMA_KEY.encode() in (schema.metadata or {})
-            else ColumnSource(path, "Parquet", tuple(schema.names), nested=_nested(schema))
-        )
+            return (
+                None
+                if SCHEMA_KEY.encode() in (schema.metadata or {})
+                else ColumnSource(path, "Parquet", tuple(schema.names), nested=_nested(schema))
+            )
     if head.startswith(FILE_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
             schema = _open_arrow(path).schema
-        return ColumnSource(path, "Arrow", tuple(schema.names), nested=_nested(schema))
+            return ColumnSource(path, "Arrow", tuple(schema.names), nested=_nested(schema))
     if head.startswith(b"#") and _names_times(names := commented_header(path, WHAT)):
         return ColumnSource(path, "CSV", tuple(names), commented=True)
     if _may_be_text(head) and (found := find_trajectories(path)) is not None:

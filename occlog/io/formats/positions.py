@@ -367,7 +367,8 @@ def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
     t_ns = rows.t_ns.copy()
     for name in np.unique(rows.sensor).tolist():
         mine = np.flatnonzero(rows.sensor == name)
-        t_ns[mine] = _times_of(path, name, options).at(rows.frame[mine])
+        with naming(path):
+            t_ns[mine] = _times_of(path, name, options).at(rows.frame[mine])
     return rows._replace(t_ns=t_ns)
 
 

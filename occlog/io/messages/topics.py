@@ -131,7 +131,7 @@ def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicK
 
 
 def _identity(name: str, topic: str) -> int:
-    if not (name.isascii() and name.isdigit() and int(name) < 2**31):
+    if not (name.isascii() and name.isdigit() and len(name) <= 10 and int(name) < 2**31):
         raise UsageError(
             f"topic {topic}: holds true positions; name it by the number of its (first) target, for example 0={topic}",
             id="camera-not-named",

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from occlog import __version__
 from occlog.cli.main import explain
+from occlog.console.foreign_code import hidden
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.atomic import PARTIAL, alone_with, no_links_out_of, translate_write_errors
 from occlog.io.files.provenance import hash_file
@@ -190,7 +191,8 @@ class RecordingOutcome:
 def process(task: Task) -> RecordingOutcome:
     """Run the stages of a recording that are not up to date."""
     begin, used = time.perf_counter(), time.process_time()
-    with redirect_stderr(io.StringIO()):  # what stages state about losses and warnings is in the outcome
+    # What stages state about losses and warnings is in the outcome
+    with hidden("matplotlibrc"), redirect_stderr(io.StringIO()):
         outcome = _Run(task).outcome()
     return replace(outcome, seconds=time.perf_counter() - begin, cpu_seconds=time.process_time() - used)
 

@@ -128,6 +128,10 @@ def refused_in(config: Config, stage: str) -> Iterator[None]:
         named = tuple(error.options[0].split("."))
         problem = str(error).removeprefix(error.options[0]).lstrip(": ")
         raise InputError(f"{_place(config, stage, named)}: {problem}") from error
+    except InputError as error:
+        if not error.options:
+            raise
+        raise InputError(f"{config.at(stage)}: {error}") from error
     finally:
         SPELLING.reset(spelling)
 

@@ -60,7 +60,7 @@ def start(
     path = output / CONFIGURATION
     text = as_text(made, list(unused_lines(found, sources)), output)
     written = not path.exists()
-    if written or _without_comments(path.read_text(encoding="utf-8")) != _without_comments(text):
+    if written or _without_comments(path.read_text("utf-8", "replace")) != _without_comments(text):
         if not written and not overwrite:
             raise OutputExistsError(f"{path}: exists, and is another configuration")
         note_files((item.path for item in found.items), [path])

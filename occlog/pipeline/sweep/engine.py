@@ -101,10 +101,12 @@ class Store:
             raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
 
     def __exit__(self, kind: object, *_: object) -> None:
-        """Close the file; OutputError if writing fails, unless another error is being handled."""
-        if self._file is not None:
+        """Close the file, removing it if empty; OutputError if writing fails, unless another error is being handled."""
+        if self._file is not None and self._path is not None:
             try:
                 self._file.close()
+                if not self.results:
+                    self._path.unlink(missing_ok=True)
             except OSError as error:
                 if kind is None:
                     raise OutputError(f"{self._path}: cannot be written: {error.strerror}") from error
@@ -169,7 +171,7 @@ def run_all(
         number = next(i for i, key in enumerate(keys) if key in failed)
         raise TrialError(
             f"{len(failed)} of {len(specs)} trials failed; the first is trial {number} "
-            f"({describe(specs[number])}): {failed[keys[number]]}"
+            f"({describe(specs[number], specs)}): {failed[keys[number]]}"
         )
     return [dict(kept.results[key]) for key in keys]
 
@@ -182,9 +184,10 @@ def attempt(spec: Spec, run: Trial) -> TrialOutcome:
         return TrialOutcome(None, str(error))
 
 
-def describe(spec: Spec) -> str:
-    """Format a trial in one line, without its scene."""
-    return ", ".join(f"{name}={value}" for name, value in spec.items() if name != "scene")
+def describe(spec: Spec, specs: Sequence[Spec]) -> str:
+    """Format what tells a trial from the others in one line."""
+    own = (name for name in spec if any(other.get(name) != spec[name] for other in specs))
+    return ", ".join(f"{name}={spec[name]}" for name in own) or "the only one"
 
 
 def _outcomes(

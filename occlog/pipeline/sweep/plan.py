@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from occlog.console.text import counted
 from occlog.errors import InputError, UsageError, did_you_mean
-from occlog.io.files.limits import check_input
+from occlog.io.files.limits import read_configuration
 from occlog.io.files.texts.yaml import lines_of, read_yaml
 from occlog.settings import SettingError, Settings, check_setting
 from occlog.simulate.config import ObserveConfig, WorldConfig
@@ -159,7 +159,7 @@ def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
     Raises:
         InputError: a name that cannot vary, an empty list, too many trials, or cameras that are not there.
     """
-    scene = check_input(path.parent / spec.scene, "a scene").read_text(encoding="utf-8")
+    scene = read_configuration(path.parent / spec.scene, "a scene")
     try:
         return _combined(spec, scene)
     except InputError as error:
@@ -195,6 +195,9 @@ def _trials(spec: SweepSpec, scene: str, label: Mapping[str, object]) -> tuple[d
         if name != "name":
             _put(trial, name, value)
     trial["cameras"] = _cameras(trial["cameras"], spec.order)
+    skip = trial["skip"]
+    if not isinstance(skip, int) or isinstance(skip, bool) or skip < 0:
+        raise InputError(f"skip: {skip!r}: expected a whole number of at least 0")
     return tuple({**trial, "run": run} for run in range(spec.runs))
 
 
@@ -220,7 +223,7 @@ def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
 
     None: all cameras. InputError for other values.
     """
-    if value is None or isinstance(value, list):
+    if value is None or (isinstance(value, list) and all(isinstance(name, str) for name in value)):
         return value
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= len(order):
         names = (

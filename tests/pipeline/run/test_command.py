@@ -12,7 +12,7 @@ import pytest
 from people_boxes import boxes, hall, truth
 
 from occlog.cli.main import run
-from occlog.errors import ExitCode, InputError
+from occlog.errors import ExitCode, InputError, option
 from occlog.io.files.atomic import alone_with
 from occlog.io.files.provenance import Provenance, hash_file
 from occlog.io.files.tables.parquet import read_table
@@ -25,7 +25,7 @@ from occlog.pipeline.run import run as stages_in_order
 from occlog.pipeline.run import stage as run_inputs
 from occlog.pipeline.run.run import Digests, drop_empty, key_of, outcomes
 from occlog.pipeline.run.stage import RunStage, files_of, name_of
-from occlog.pipeline.run.stages import check_settings, plan, read_config
+from occlog.pipeline.run.stages import check_settings, plan, read_config, refused_in
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, Particles, PeopleTracks, Tracks, TruthBoxes
 
@@ -208,6 +208,15 @@ def test_what_is_wrong_is_named(
     assert code in (ExitCode.BAD_INPUT, ExitCode.USAGE)
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_errors_of_a_stage_name_the_configuration_and_its_keys_not_options(config: Path) -> None:
+    with pytest.raises(InputError) as refused, refused_in(read_config(config), "track"):
+        raise InputError(f"a.csv: no times; give {option('fps')}", id="missing-value")
+    assert (str(refused.value), refused.value.id) == (
+        f"{config}: line 5: track: a.csv: no times; give fps",
+        "missing-value",
+    )
 
 
 def test_a_folder_with_other_things_is_left_alone(config: Path, capsys: pytest.CaptureFixture[str]) -> None:

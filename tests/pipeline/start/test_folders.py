@@ -405,3 +405,12 @@ def test_a_misspelt_key_is_reported_before_anything_is_inspected(setting: str, e
 def test_keys_of_a_plug_in_are_left_to_it() -> None:
     given = read_settings(["track.method=own", "track.strength=3", "ingest.reader=lab", "ingest.depth=2"])
     assert given == {"track": {"method": "own", "strength": 3}, "ingest": {"reader": "lab", "depth": 2}}
+
+
+def test_a_configuration_that_is_no_text_is_another_one(folder: Path, start: Start) -> None:
+    make.stations(folder / "stations.csv")
+    make.measured(folder / "bearings.csv", "time,station,azimuth_deg", lambda x, y: "1.5")
+    (folder.parent / "out").mkdir()
+    (folder.parent / "out/run.yaml").write_bytes(b"occlog_run: 1 # \xff\n")
+    assert start("--write-only")[0] == ExitCode.EXISTS
+    assert start("--write-only", "--overwrite")[0] == ExitCode.DONE

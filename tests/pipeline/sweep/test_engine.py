@@ -128,6 +128,13 @@ def test_a_trial_that_fails_is_named_and_the_others_are_kept(tmp_path):
     assert len(Store(store).results) == 2
 
 
+def test_a_trial_is_described_by_what_tells_it_from_the_others_and_leaves_no_empty_store(tmp_path):
+    store = tmp_path / "trials.jsonl"
+    with pytest.raises(TrialError, match=r"the first is trial 0 \(run=7\): "):
+        run_all([trial(7, skip=10), trial(8, skip=10)], store=store)
+    assert not store.exists()
+
+
 def test_keys_tell_trials_apart():
     assert key_of(trial()) == key_of(dict(reversed(trial().items())))
     assert len({key_of(t) for t in (trial(), trial(1), trial(skip=1), trial(seed=4))}) == 4

@@ -45,6 +45,9 @@ def test_everything_that_varies_is_combined(tmp_path):
         ("vary: {track.particles: []}\n", "has no values"),
         ("cameras: 2\n", "how many of some names in `order`, which is not there"),
         ("cameras: 3\norder: [a, b]\n", "how many of the 2 names in `order`"),
+        ("vary: {cameras: [[{x: 1}]]}\n", "expected a list of names"),
+        ("vary: {skip: [-1]}\n", "skip: -1: expected a whole number of at least 0"),
+        ("cases: [{skip: x}]\n", "skip: 'x': expected a whole number of at least 0"),
         ("vary: {track.particles: [1, 2]}\nrun: 3\n", "run"),
         ("vary: {simulate.steps: [1, 2]}\nruns: 3\n", "twice|repeated|duplicate"),
     ],
@@ -64,6 +67,14 @@ def test_a_missing_scene_is_reported(tmp_path):
     (tmp_path / "sweep.yaml").write_text(HEAD)
     with pytest.raises(InputError, match=r"scene\.yaml"):
         settings_of(tmp_path / "sweep.yaml", read_sweep(tmp_path / "sweep.yaml"))
+
+
+def test_a_scene_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "sweep.yaml").write_text(HEAD)
+    (tmp_path / "scene.yaml").write_bytes(SCENE.encode() + b"# \xff\n")
+    with pytest.raises(InputError, match=r"scene\.yaml") as refused:
+        settings_of(tmp_path / "sweep.yaml", read_sweep(tmp_path / "sweep.yaml"))
+    assert refused.value.id == "wrong-encoding"
 
 
 def test_statistics_by_hand():

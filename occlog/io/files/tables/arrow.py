@@ -200,7 +200,7 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
         raise InputError(
             f"{path}: holds {found or 'no occlog table'}, expected {table.NAME}/{table.VERSION}", id="wrong-content"
         )
-    if not version.isdigit() or int(version) > table.VERSION:
+    if version not in map(str, range(table.VERSION + 1)):
         raise InputError(
             f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog", id="version-mismatch"
         )

@@ -342,12 +342,13 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
 
 
 def _time_span(file: SizedFile) -> list[int] | None:
-    """First and last time [ns] of a file sorted by time; None without rows, or for an external time column."""
+    """First and last time [ns] of a file sorted by time; None if missing, or for an external time column."""
     if not len(file.schema_arrow) or not pa.types.is_int64(file.schema_arrow.field(0).type):
         return None  # times of another program
     groups = [n for n in range(file.num_row_groups) if file.metadata.row_group(n).num_rows]
     ends = [pa.Table.from_batches(_times(file, n)).column(0) for n in groups[:1] + groups[-1:]]
-    return [ends[0][0].as_py(), ends[-1][-1].as_py()] if ends else None
+    first, last = (ends[0][0].as_py(), ends[-1][-1].as_py()) if ends else (None, None)
+    return None if first is None or last is None else [first, last]
 
 
 def _times(file: SizedFile, group: int) -> list[pa.RecordBatch]:

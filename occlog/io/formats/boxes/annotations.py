@@ -60,7 +60,7 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
     with guarded(path, WHAT):
         root = parse_xml(path.read_text(encoding="utf-8-sig"), path)
     records = [*_of_tracks(path, root), *_of_images(path, root)]
-    listed = _listed(root)
+    listed = _listed(path, root)
     if not records and listed is None:
         raise InputError(
             f"{path}: has no <track> and no <image>; {WHAT} were expected (CVAT for video, or for images)",
@@ -77,8 +77,8 @@ def open_cvat(path: Path, wanted: BoxReadOptions) -> BoxSource:
 
 
 def _order(frame: str) -> int:
-    """Frame number for sorting; 0 for an invalid text, which is rejected later with its row."""
-    return int(frame) if frame.isdecimal() and len(frame) < LONGEST_NUMBER else 0
+    """Frame number, for sorting; `MAX_FRAMES` for a longer or an invalid text, which is rejected later with its row."""
+    return int(frame) if frame.isdecimal() and len(frame) < LONGEST_NUMBER else MAX_FRAMES
 
 
 def _sizes(root: Element) -> Iterator[tuple[str, object, object]]:
@@ -121,13 +121,18 @@ def _edges(box: Element, where: str) -> dict[str, str]:
     return {name: str(box.get(key)) for key, name in EDGES.items()}
 
 
-def _listed(root: Element) -> Ints | None:
+def _listed(path: Path, root: Element) -> Ints | None:
     """Numbers of the annotated frames; None if not stated."""
     images = [image.get("id", "") for image in root.iter("image")]
-    if images and all(number.isdigit() for number in images):
-        return np.unique(np.array([min(int(number), MAX_FRAMES) for number in images], dtype=np.int64))
+    if images and all(number.isdecimal() for number in images):
+        last = max(images, key=_order)
+        if _order(last) >= MAX_FRAMES:
+            raise InputError(
+                f"{path}: image {last:.24}: its id, a frame number, must be below {MAX_FRAMES}; correct it"
+            )
+        return np.unique(np.array([int(number) for number in images], dtype=np.int64))
     first, last = (next((e.text or "" for e in root.iter(name)), "") for name in ("start_frame", "stop_frame"))
-    if not (first.isdigit() and last.isdigit() and int(first) <= int(last) < MAX_FRAMES):
+    if not (first.isdecimal() and last.isdecimal() and _order(first) <= _order(last) < MAX_FRAMES):
         return None
     # The task has every n-th frame of the video, and counts those of the video
     step = _STEP.search(next((e.text or "" for e in root.iter("frame_filter")), ""))

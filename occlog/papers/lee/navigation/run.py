@@ -16,6 +16,7 @@ from occlog.array_types import Floats
 from occlog.core.navigation.forces import distance
 from occlog.core.navigation.steering import STATES, SteeringState
 from occlog.errors import UsageError, option
+from occlog.io.files.limits import naming
 from occlog.io.open import load_scene, open_input
 from occlog.records.tables import RobotPath, Tracks, Truth
 from occlog.runner import Job
@@ -145,8 +146,9 @@ def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object],
         None if opened is None else moving_people(opened, scene.length_unit, request.start_delay_s, people_of(config))
     )
     course = course_of(scene, discs, moving, config)
-    for what, position in (("start", request.start), ("goal", request.goal)):
-        course.check_position(what, np.array(position), config)
+    with naming(request.scene):
+        for what, position in (("start", request.start), ("goal", request.goal)):
+            course.check_position(what, np.array(position), config)
     parameters = asdict(config) | {
         "start": list(request.start),
         "goal": list(request.goal),

@@ -155,6 +155,7 @@ def test_a_recording_with_truth(folder: Path) -> None:
         (("truth.parquet", "--measurement-noise", "covariance"), ExitCode.USAGE, "truth has no covariance"),
         (("truth.parquet", "--measurement-noise", "-1"), ExitCode.USAGE, "--measurement-noise -1"),
         (("truth.parquet", "--measurement-noise", "nan"), ExitCode.USAGE, "--measurement-noise nan"),
+        (("truth.parquet", "--measurement-noise", "1e308"), ExitCode.USAGE, "--measurement-noise 1e308"),
         (
             ("truth.parquet", "--measurement-noise", "0.1", "--method", "differences"),
             ExitCode.USAGE,

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import MAX_SETTING, Settings, setting
 
 ESTIMATED, COVARIANCE = "estimated", "covariance"
 """Sources of the measurement noise if it is not given: estimated, or the covariances of tracks."""
@@ -71,7 +71,7 @@ class FitConfig(Settings):
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Generate the rules about the measurement noise, and that method `differences` takes positions as exact."""
         good = self.measurement_noise in (ESTIMATED, COVARIANCE) or self.noise_length is not None
-        yield "measurement_noise", good, f"a length of at least 0, {ESTIMATED} or {COVARIANCE}"
+        yield "measurement_noise", good, f"a length of 0 to {MAX_SETTING:g}, {ESTIMATED} or {COVARIANCE}"
         yield (
             "measurement_noise",
             self.method == "em" or self.measurement_noise == ESTIMATED,
@@ -85,4 +85,4 @@ class FitConfig(Settings):
             value = float(self.measurement_noise)
         except ValueError:
             return None
-        return value if 0.0 <= value < float("inf") else None
+        return value if 0.0 <= value <= MAX_SETTING else None
