@@ -134,10 +134,10 @@ class Matched(NamedTuple):
         return np.asarray(own & np.isfinite(self.like[np.arange(len(place)), place]))
 
 
-def matched(rows: list[Sighting], gallery: Gallery, least_likeness: float) -> Matched:
+def matched(rows: list[Sighting], gallery: Gallery, similarity_limit: float) -> Matched:
     """All boxes beside a gallery."""
     sides = sides_of(gallery)
-    table = AppearanceMatches.concat(match(rows, sides, MatchConfig(min_similarity=least_likeness)))
+    table = AppearanceMatches.concat(match(rows, sides, MatchConfig(min_similarity=similarity_limit)))
     n = len(sides.target)
     return Matched(table, sides.target, table.track_id[::n], table.rho_corrected.reshape(-1, n))
 
@@ -164,7 +164,7 @@ def figures(found: Matched, common: Bools, people: Ints32) -> dict[str, float]:
     return {name: float(value) for name, value in out.items()}
 
 
-def pieces(table: AppearanceMatches, target: Ints32, least_likeness: float) -> dict[str, float]:
+def pieces(table: AppearanceMatches, target: Ints32, similarity_limit: float) -> dict[str, float]:
     """Shares of pieces of tracks that are named right and wrong."""
     number = (table.t_ns - table.t_ns[0]) // (PIECE_S * NS)
     piece = (number * 1000 + table.track_id).astype(np.int32)
@@ -172,24 +172,24 @@ def pieces(table: AppearanceMatches, target: Ints32, least_likeness: float) -> d
     tally.add(replace(table, track_id=piece))
     evidence = tally.evidence()
     together = evidence.track[:, None] // 1000 == evidence.track[None, :] // 1000
-    named = identities(evidence, together, least_likeness, 10)
+    named = identities(evidence, together, similarity_limit, 10)
     wanted = [p for p in np.unique(piece).tolist() if p % 1000 in target]
     right = sum(named.get(p) == p % 1000 for p in wanted)
     wrong = sum(who != p % 1000 for p, who in named.items())
     return {"pieces right": right / len(wanted), "pieces wrong": wrong / len(wanted)}
 
 
-def halves(recording: Path, least_likeness: float) -> dict[str, dict[str, float]]:
+def halves(recording: Path, similarity_limit: float) -> dict[str, dict[str, float]]:
     """The figures of each kind of gallery, learnt from the first half."""
     rows = seen(recording)
     times = [each.boxes.t_ns for each in rows]
     middle = (times[0] + times[-1]) // 2
     first, second = ([r for r in rows if (r.boxes.t_ns < middle) == early] for early in (True, False))
-    found = {kind: matched(second, gallery_of(first, kind), least_likeness) for kind in GALLERIES}
+    found = {kind: matched(second, gallery_of(first, kind), similarity_limit) for kind in GALLERIES}
     people = reduce(np.intersect1d, (found[kind].target for kind in COMMON))
     common = np.all([found[kind].compared() for kind in COMMON], axis=0) & np.isin(found[ALL].track, people)
     return {
-        kind: figures(own, common, people) | pieces(own.table, own.target, least_likeness)
+        kind: figures(own, common, people) | pieces(own.table, own.target, similarity_limit)
         for kind, own in found.items()
     }
 
@@ -216,13 +216,13 @@ def main() -> None:
         work = options.work or Path(scratch)
         work.mkdir(parents=True, exist_ok=True)
         results = {
-            name: mean([halves(rendered(work, seed, options.seconds, two), options.least_likeness) for seed in seeds])
+            name: mean([halves(rendered(work, seed, options.seconds, two), options.similarity_limit) for seed in seeds])
             for name, two in (("rendered, plain", False), ("rendered, two-sided", True))
         }
         if options.pets:
             if not (work / "pets.mcap").exists():
                 ingest(options.pets, work)
-            results["PETS, one view"] = halves(work / "pets.mcap", options.least_likeness)
+            results["PETS, one view"] = halves(work / "pets.mcap", options.similarity_limit)
     if options.json:
         print(json.dumps(results, sort_keys=True))
         return

@@ -76,7 +76,7 @@ def measured(truth: Truth, scene: Scene, rng: Generator, miss: float) -> tuple[V
     n, m = len(rows), len(frames)
     left, right = np.array([r[3] for r in rows]), np.array([r[4] for r in rows])
     one, nan = np.ones(n), np.full(n, np.nan)
-    unknown = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "likeness"), nan)
+    unknown = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "similarities"), nan)
     same = dict.fromkeys(("cov_xx_px", "cov_xy_px", "cov_yy_px", "area_px"), one)
     views = Views.of(
         t_ns=[r[0] for r in rows],

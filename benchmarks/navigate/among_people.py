@@ -44,7 +44,7 @@ CASES: dict[str, dict[str, object]] = {
 }
 
 
-def fared(values: dict[str, object]) -> list[dict[str, float]]:
+def filter_diagnostics(values: dict[str, object]) -> list[dict[str, float]]:
     """Shares of robots by the end of their path, for each seed of the people."""
     scene = read_scene(ROOT / "examples" / "room.yaml")
     world = configure(WorldConfig.in_unit("m"), {"steps": 400, "targets": 3})
@@ -79,7 +79,7 @@ def _free(course: Course, start: np.ndarray[Any, Any], goal: np.ndarray[Any, Any
 
 def run(repeats: int) -> dict[str, Any]:  # noqa: ARG001
     """Share of robots that collide with the defaults, to that of robots that go straight on."""
-    found = {name: fared(values) for name, values in CASES.items()}
+    found = {name: filter_diagnostics(values) for name, values in CASES.items()}
     parts: dict[str, Any] = {}
     for name, runs in found.items():
         words = []

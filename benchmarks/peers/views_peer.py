@@ -89,7 +89,7 @@ def ours(case: Case, method: str, work: Path, *, true_start: bool) -> Outcome:
     return _placed(case, out, seconds)
 
 
-def everybody(case: Case, options: tuple[str, ...], work: Path) -> Outcome:
+def people_tracks(case: Case, options: tuple[str, ...], work: Path) -> Outcome:
     """Tracks of `--method jipda` in the images."""
     given, out = ("--scene", case.recording, "--method", "jipda", *options), work / "everybody.parquet"
     outputs = ("-o", work / "tracks.parquet", "--view-tracks", out, "--overwrite", "-q")
@@ -121,7 +121,7 @@ def contenders(views: int, only: list[str], folder: Path) -> Iterator[tuple[str,
     for method in methods:
         yield method, lambda c, w, m=method: ours(c, m, w, true_start=False)  # type: ignore[misc]
     for name in (n for n in EVERYBODY if n in only):
-        yield name, lambda c, w, o=EVERYBODY[name]: everybody(c, o, w)  # type: ignore[misc]
+        yield name, lambda c, w, o=EVERYBODY[name]: people_tracks(c, o, w)  # type: ignore[misc]
     for name in (n for n in PEERS if n in only):
         package = PEERS[name]
         home = Path(os.environ.get(VARIABLE) or folder) / package

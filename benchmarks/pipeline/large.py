@@ -70,7 +70,7 @@ def make_many(folder: Path, rows: int) -> None:
         TableWriter(folder / "people.parquet", Truth, made) as truth,
         TableWriter(folder / "boxes.parquet", Boxes, made) as boxes,
         TableWriter(folder / "true_boxes.parquet", TruthBoxes, made) as true_boxes,
-        TableWriter(folder / "everybody.parquet", PeopleTracks, made) as everybody,
+        TableWriter(folder / "everybody.parquet", PeopleTracks, made) as people_tracks,
         TableWriter(folder / "events.parquet", Events, made) as events,
     ):
         for start in range(0, rows // PEOPLE, CHUNK // PEOPLE):
@@ -91,7 +91,7 @@ def make_many(folder: Path, rows: int) -> None:
             ours = {"x": x[order] + off[0], "y": y[order] + off[1], "vx": np.zeros(n), "vy": np.zeros(n)}
             tracks.write(Tracks.of(t_ns=t_ns, target_id=found, **ours, **spread))
             there = {"existence": random.uniform(0.5, 1.0, n), "seen_by": random.choice(["", "a", "a,b"], n)}
-            everybody.write(PeopleTracks.of(t_ns=t_ns, target_id=found, **ours, **spread, **there))
+            people_tracks.write(PeopleTracks.of(t_ns=t_ns, target_id=found, **ours, **spread, **there))
             first = np.arange(0, n, PEOPLE)
             kinds, empty = random.choice(["birth", "death", "doubt"], len(first)), np.full(len(first), -1)
             sure = np.full(len(first), 0.9)
@@ -232,14 +232,16 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     for ours, true in ((many, people), (boxes, true_boxes)):
         also = ("--truth", true, "--also", ours, true, part)
         out[f"evaluate --also of {Path(ours).stem}"] = peak_mb("evaluate", ours, *also, "--quiet")
-    seen, fared = f"--bearings={folder / 'seen.parquet'}", f"--diagnostics={folder / 'fared.parquet'}"
+    seen, filter_diagnostics = f"--bearings={folder / 'seen.parquet'}", f"--diagnostics={folder / 'fared.parquet'}"
     room, true = f"--scene={folder / 'scene.yaml'}", f"--truth={folder / 'seen_truth.parquet'}"
     ours, bound = str(folder / "seen_tracks.parquet"), f"--bound={folder / 'bound.parquet'}"
     out["evaluate bearings"] = peak_mb("evaluate", seen, true, room, "--quiet")
     errors = f"--errors={folder / 'seen_errors.parquet'}"
-    out["evaluate tracks and bearings"] = peak_mb("evaluate", ours, seen, fared, true, room, errors, bound, "--quiet")
+    out["evaluate tracks and bearings"] = peak_mb(
+        "evaluate", ours, seen, filter_diagnostics, true, room, errors, bound, "--quiet"
+    )
     page = ("-o", str(folder / "seen.html"), "--overwrite")
-    out["report bearings"] = peak_mb("report", ours, seen, fared, true, room, errors, bound, *page)
+    out["report bearings"] = peak_mb("report", ours, seen, filter_diagnostics, true, room, errors, bound, *page)
     out["report without truth"] = peak_mb("report", ours, seen, room, *page)
     out["evaluate without truth"] = peak_mb("evaluate", ours, seen, room, "--quiet")
     measured, new = f"--measurements={folder / 'measured.parquet'}", f"--write-scene={folder / 'new.yaml'}"
@@ -253,8 +255,8 @@ def measure(folder: Path, rows: int) -> dict[str, float]:
     out["evaluate views"] = peak_mb("evaluate", views, f"--truth={true_boxes}", "--quiet")
     out["evaluate some frames of views"] = peak_mb("evaluate", views, f"--truth={true_boxes}", part, "--quiet")
     out["report of several"] = peak_mb("report", many, "--truth", people, "-o", str(folder / "many.html"))
-    everybody, events = str(folder / "everybody.parquet"), f"--events={folder / 'events.parquet'}"
-    out["report of everybody"] = peak_mb("report", everybody, events, "--truth", people, *page)
+    people_tracks, events = str(folder / "everybody.parquet"), f"--events={folder / 'events.parquet'}"
+    out["report of everybody"] = peak_mb("report", people_tracks, events, "--truth", people, *page)
     out["export coco"] = peak_mb("export", boxes, "-o", str(folder / "out.json"))
     return out
 

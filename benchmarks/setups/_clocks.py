@@ -237,7 +237,7 @@ def _boxes_unit(folder: Path, seed: int, faulty: bool) -> tuple[list[Said], Answ
         factor = UNITS[unit] if faulty and c == name else 1.0
         _with_times(path, _frame_times(made, rng) - EPOCH_S + 1.0, "t_s" if stated else column, factor)
     said = _said(lambda: occlog.ingest(**files), list(files["boxes"].values()), track=not faulty)
-    return said, Answer(UNIT, (name,), UNITS[unit], alike=UNITS[unit] / made.fps)
+    return said, Answer(UNIT, (name,), UNITS[unit], similar=UNITS[unit] / made.fps)
 
 
 def _matroska(path: Path, times_ms: Sequence[int]) -> Path:
@@ -277,7 +277,7 @@ def _videos(fault: Fault | None, *, container: bool = False) -> Callable[[Path, 
             times[name] = changed.times if faulty else times[name]
             answer = changed.answer
         else:
-            answer = Answer(UNIT, (name,), UNITS[unit], alike=UNITS[unit] / rate_hz)
+            answer = Answer(UNIT, (name,), UNITS[unit], similar=UNITS[unit] / rate_hz)
         stamps = {}
         for c, own in times.items():
             _matroska(
@@ -352,7 +352,9 @@ def _directions(folder: Path, seed: int, faulty: bool) -> tuple[list[Said], Answ
         if array == name:
             changed = (_step(-1.0, 1.0), _origin)[kind](times, rng, name) if kind < 2 else None
             unit = str(rng.choice(list(UNITS)))
-            answer = Answer(UNIT, (name,), UNITS[unit], alike=0.1 * UNITS[unit]) if changed is None else changed.answer
+            answer = (
+                Answer(UNIT, (name,), UNITS[unit], similar=0.1 * UNITS[unit]) if changed is None else changed.answer
+            )
             if faulty:
                 times, factor = (times, UNITS[unit]) if changed is None else (changed.times, 1.0)
         rows = [f"{factor * t:.6f},{np.degrees(np.sin(0.01 * k)):.2f}" for k, t in enumerate(times.tolist())]

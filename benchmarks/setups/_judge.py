@@ -47,14 +47,14 @@ class Answer(NamedTuple):
         sensors: one of them must be named; empty: any.
         size: of the fault [s, ppm, or a factor or count], within `MAX_SIZE_ERROR`; NaN: need not be named.
         slack: by how much the size [s], or the difference of two times that are named, may differ from it besides.
-        alike: another size that is as good, or its inverse; NaN: none is.
+        similar: another size that is as good, or its inverse; NaN: none is.
     """
 
     cause: str
     sensors: tuple[str, ...] = ()
     size: float = math.nan
     slack: float = 0.0
-    alike: float = math.nan
+    similar: float = math.nan
 
     def fits(self, said: Said) -> bool:
         """Whether a warning or refusal names the cause, the sensor, and the size or two times that differ by it."""
@@ -67,7 +67,7 @@ class Answer(NamedTuple):
         dates = [datetime.fromisoformat(each).timestamp() for each in DATE.findall(text)]
         sizes = [float(each) for each in QUANTITY.findall(DATE.sub("", text))]
         apart = [abs(a - b) for a, b in combinations([*dates, *sizes], 2)]
-        wanted = (self.size, self.alike, 1.0 / self.alike)
+        wanted = (self.size, self.similar, 1.0 / self.similar)
         return any(abs(abs(each) - size) <= MAX_SIZE_ERROR * size for each in sizes for size in wanted) or any(
             abs(abs(each) - self.size) <= MAX_SIZE_ERROR * self.size + self.slack for each in (*apart, *sizes)
         )

@@ -103,9 +103,9 @@ def degraded(level: str, seed: int, folder: Path) -> Case:
     return Case(f"wildtrack-{level}", 2.0, (1920, 1080), matrices, found, _truth(), AREA, FRAMES)
 
 
-def frames_of(rows: Floats, stretch: int | None) -> MatchedFrames:
+def frames_of(rows: Floats, segment: int | None) -> MatchedFrames:
     """Truth and tracks of a stretch of 20 s, or of all 100 s."""
-    first, end = (0, FRAMES) if stretch is None else (stretch * STRETCH, (stretch + 1) * STRETCH)
+    first, end = (0, FRAMES) if segment is None else (segment * STRETCH, (segment + 1) * STRETCH)
     return of_points(_objects(_truth(), first, end), _objects(rows, first, end), 1.0)
 
 

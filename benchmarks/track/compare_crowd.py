@@ -43,7 +43,7 @@ class Run(NamedTuple):
 
     tracker: str
     level: str
-    stretch: int | None
+    segment: int | None
     seed: int
     moved: int = 0
 
@@ -61,10 +61,10 @@ class Crowd:
         self.sums = cache(self._sums)
 
     def _frames(self, run: Run) -> MatchedFrames:
-        return frames_of(tracks(run.tracker, run.level, run.seed, self._folder, run.moved), run.stretch)
+        return frames_of(tracks(run.tracker, run.level, run.seed, self._folder, run.moved), run.segment)
 
     def _sums(self, run: Run) -> Floats:
-        return frame_sums(self.frames(run), FRAMES if run.stretch is None else STRETCH)
+        return frame_sums(self.frames(run), FRAMES if run.segment is None else STRETCH)
 
     def compared(self, pairs: list[Pair], figure: str) -> PairedDifference:
         """The later runs beside the first ones, recording by recording."""
@@ -79,7 +79,7 @@ Draw = Callable[[np.random.Generator, list[int], int], list[Pair]]
 
 def recordings(rng: np.random.Generator, count: int, *, whole: bool) -> Iterator[tuple[str, int | None]]:
     """Setting and stretch: those of 20 s differ, as far as there are as many."""
-    known = [(level, stretch) for level in DEGREES for stretch in ((None,) if whole else STRETCHES)]
+    known = [(level, segment) for level in DEGREES for segment in ((None,) if whole else STRETCHES)]
     order = np.concatenate([rng.permutation(len(known)) for _ in range(-(-count // len(known)))])
     yield from (known[k] for k in order[:count])
 

@@ -73,13 +73,13 @@ def room(work: Path, seed: int) -> Given:
 
 def crowd(work: Path, people: int, seed: int) -> Given:
     """A simulated crowd, and a gallery of what everybody wears."""
-    made = scene("crowds").crowd(people, CAMERAS, FRAMES, HZ, SIZE, seed=seed, colours=APPEARANCE_BINS, alike=ALIKE)
+    made = scene("crowds").crowd(people, CAMERAS, FRAMES, HZ, SIZE, seed=seed, colours=APPEARANCE_BINS, similar=ALIKE)
     frames_of_step = [(t, frame_detections) for t, group in enumerate(made.moments) for frame_detections in group]
     frame = np.concatenate([np.full(len(frame_detections.boxes), t) for t, frame_detections in frames_of_step])
     edges = np.concatenate([frame_detections.boxes for _, frame_detections in frames_of_step])
     n = len(edges)
     nan, one, zero = np.full(n, np.nan), np.ones(n), np.zeros(n)
-    unknown = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "likeness"), nan)
+    unknown = dict.fromkeys(("bearing", "sigma", "u_px", "sigma_px", "confidence", "similarities"), nan)
     size = edges[:, 2:] - edges[:, :2]
     views = Views.of(
         t_ns=np.rint(frame * NS / HZ).astype(np.int64),

@@ -69,12 +69,15 @@ def follow(made: World, priors: str, settings: Mapping[str, Any]) -> Outcome:
     config = configure(ApfConfig(), {**temper, **settings})
     reported = None if priors == NONE else virtual_priors([made.truth], 0.0 if priors == TRUE else SIGMA, Q, made.seed)
     parts = list(track([made.bearings], made.scene, TrackingTask(config, made.seed), reported))
-    tracks, fared = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
+    tracks, filter_diagnostics = (
+        Tracks.concat(p.tracks for p in parts),
+        Diagnostics.concat(p.diagnostics for p in parts),
+    )
     own = made.truth.take(made.truth.target_id == TARGET)
     rows = np.searchsorted(own.t_ns, tracks.t_ns)
     away = np.column_stack([tracks.x - own.x[rows], tracks.y - own.y[rows]])[SKIP:]
     spread = np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)[SKIP:]
-    begun = Counter(fared.fallback.tolist())
+    begun = Counter(filter_diagnostics.fallback.tolist())
     nees = float(np.mean(normalised_squared_errors(away, spread)))
     return Outcome(float(np.mean(np.sum(away**2, axis=1))), nees, begun["restart"])
 

@@ -123,7 +123,7 @@ def told(run: Run, case: Case) -> tuple[Outcome, list[AssociatedPeople]]:
     for (f, k), (x, y) in place.items():
         states[f, k] = np.array([x, y, 0.0, 0.0, c.person_height, c.person_width])
     square = (smoother.INITIAL_SCALE_M * state.metre) ** 2
-    law = feature_likelihood(state.cues.likeness)
+    law = feature_likelihood(state.cues.similarities)
     for _ in range(PASSES):
         found = [_found(state, packed[k], rates, frames[k], run.whose[k], states) for k in range(len(snapshots))]
         own: float | Floats = square

@@ -216,7 +216,7 @@ def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Ta
     """Store the rows of an opened input as a table of occlog in the folder `home`, and return it."""
     from occlog.io.files.tables.table_writer import TableWriter
 
-    if opened.recording is None and opened.foreign is None:
+    if opened.recording is None and opened.external_table is None:
         opened.require(table)
         return Table(opened.path)
     home = Folder() if home is None else home
@@ -224,7 +224,7 @@ def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Ta
     with TableWriter(path, table, opened.provenance, length_unit=opened.length_unit or "m") as writer:
         for part in opened.rows(table):
             writer.write(part)
-    return Table(path, opened.path if opened.foreign is not None else None, home)
+    return Table(path, opened.path if opened.external_table is not None else None, home)
 
 
 class ArrowStream(Protocol):

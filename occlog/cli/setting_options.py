@@ -426,9 +426,9 @@ class VariantCommand(SettingsCommand):
 
     def _named(self, names: Sequence[str]) -> str:
         """Return the words that choose the variants `names`: `--method apf, imm`."""
-        alike = [n for n in names if self.variants[n].called is None]
-        own = [self.called(n) for n in names if n not in alike]
-        return ", ".join([*own, *([self.chosen_by.format(", ".join(alike))] if alike else [])])
+        similar = [n for n in names if self.variants[n].called is None]
+        own = [self.called(n) for n in names if n not in similar]
+        return ", ".join([*own, *([self.chosen_by.format(", ".join(similar))] if similar else [])])
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the sections of --help: shared options, options and settings of the chosen variant, all variants."""

@@ -76,7 +76,7 @@ def _bytes(estimates: Sequence[EstimatedPosition | None]) -> list[tuple[bytes, .
     return [None if p is None else tuple(np.asarray(v, dtype=np.float64).tobytes() for v in p[:2]) for p in estimates]
 
 
-def _alike(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> None:
+def _similar(of: Of, walk: SampleWalk, scans: Iterable[TargetScan], what: str) -> None:
     """Check that a filter finds the same positions in a shifted or scaled world as in the plain one.
 
     Args:
@@ -290,32 +290,32 @@ def check_sharp(of: Of) -> None:
 def check_order(of: Of) -> None:
     """Check that estimates do not depend on the order of the sensors."""
     other = replace(PLAIN, sensors=(2, 0, 1))
-    _alike(of, other, other, "rows in another order")
+    _similar(of, other, other, "rows in another order")
 
 
 def check_wrap(of: Of) -> None:
     """Check that a target is found across the negative x axis, where bearings jump by a full turn."""
     for turn in (0.5 * np.pi, np.pi):
         turned = replace(PLAIN, turn=turn)
-        _alike(of, turned, turned, f"in a world turned by {np.degrees(turn):.0f} degrees")
+        _similar(of, turned, turned, f"in a world turned by {np.degrees(turn):.0f} degrees")
 
 
 def check_shift(of: Of) -> None:
     """Check that estimates do not depend on the origin of the world, by a shift of about 2 km."""
     shifted = replace(PLAIN, shift=(1000.0, -2000.0))
-    _alike(of, shifted, shifted, "in a world shifted by 2 km")
+    _similar(of, shifted, shifted, "in a world shifted by 2 km")
 
 
 def check_unit(of: Of) -> None:
     """Check that estimates do not depend on the unit of length, by a world in centimetres."""
     scaled = replace(PLAIN, scale=100.0)
-    _alike(of, scaled, scaled, "in centimetres")
+    _similar(of, scaled, scaled, "in centimetres")
 
 
 def check_epoch(of: Of) -> None:
     """Check that estimates do not depend on the epoch of times: 1970, or the start of a simulation."""
     early = replace(PLAIN, start_ns=0)
-    _alike(of, early, early, "with times that begin at 0")
+    _similar(of, early, early, "with times that begin at 0")
 
 
 CHECKS: dict[str, Check] = {

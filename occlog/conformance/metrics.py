@@ -46,7 +46,7 @@ def use(of: Any) -> list[tuple[str, str]]:
     return [(name, repr(float(value))) for name, value in sorted(figures(of, compared()).items())]
 
 
-def _alike(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
+def _similar(of: Any, other: MetricInput, what: str, scale: float = 1.0) -> None:
     """Check that the figures of a metric for the input `other` are those of the plain sample tables.
 
     Args:
@@ -159,22 +159,22 @@ def check_numbers(of: Any) -> None:
         return type(table).of(**{**columns, "target_id": np.where(table.target_id == 3, 40, 7).astype(np.int32)})
 
     other = MetricInput(renamed(given.tracks), renamed(given.truth), renamed(given.errors), "m")
-    _alike(of, other, "with other numbers of targets")
+    _similar(of, other, "with other numbers of targets")
 
 
 def check_shift(of: Any) -> None:
     """Check that figures do not depend on the origin of the world, by a shift of about 2 km."""
-    _alike(of, compared(shift=(1000.0, -2000.0)), "in a world shifted by 2 km")
+    _similar(of, compared(shift=(1000.0, -2000.0)), "in a world shifted by 2 km")
 
 
 def check_unit(of: Any) -> None:
     """Check that figures in lengths grow by the unit if tracks and truth are in centimetres, and others stay."""
-    _alike(of, compared(scale=100.0, unit="cm"), "in centimetres", 100.0)
+    _similar(of, compared(scale=100.0, unit="cm"), "in centimetres", 100.0)
 
 
 def check_epoch(of: Any) -> None:
     """Check that figures do not depend on the epoch of times: 1970, or the start of the recording."""
-    _alike(of, compared(start_ns=START_NS % 10**9), "with times that begin near 0")
+    _similar(of, compared(start_ns=START_NS % 10**9), "with times that begin near 0")
 
 
 CHECKS: dict[str, Check] = {

@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.errors import InputError
 from occlog.io.external.source import ColumnSource
-from occlog.io.external.table import ForeignTable, best_fit
+from occlog.io.external.table import ExternalTable, best_fit
 from occlog.io.files.texts.by_reader import as_text, fault_of
 from occlog.io.files.texts.csv_rows import first_line
 from occlog.plugins.interface import Columns
@@ -65,7 +65,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             raise BrokenError("the sample gives no rows; give one that has some")
 
     @contextmanager
-    def laid_out(of: Any) -> Iterator[ForeignTable]:
+    def laid_out(of: Any) -> Iterator[ExternalTable]:
         """Context manager: yield the columns read from the sample as the table that the reader class `of` states.
 
         BrokenError if there are no such columns or rows.
@@ -76,7 +76,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             path.write_text(found, encoding="utf-8")
             try:
                 source = ColumnSource(path, "CSV", tuple(first_line(path, "columns")))
-                yield ForeignTable(source, best_fit(source, [TABLES[of.table]]))
+                yield ExternalTable(source, best_fit(source, [TABLES[of.table]]))
             except InputError as error:
                 reason = str(error).replace(f"{path}: ", "")
                 raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error

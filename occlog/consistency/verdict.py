@@ -138,7 +138,7 @@ class ConsistencyEvidence:
     unit: str = ""
     diagnosed: bool = False
 
-    def fared(self, part: Diagnostics) -> None:
+    def add_diagnostics(self, part: Diagnostics) -> None:
         """Update the counts and the histogram of sample sizes with further rows of diagnostics."""
         self.diagnosed = True
         self.rows += len(part)

@@ -170,8 +170,8 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
         )
     each, whole = list[Metrics](), None
     for side, (sources, scene, _) in zip(sides, opened, strict=True):
-        born = initiated_from_detections(side.tracks) or is_external(side.tracks)
-        own = "start" if born else own_targets_by(chosen, numbered_itself=False)
+        initiated = initiated_from_detections(side.tracks) or is_external(side.tracks)
+        own = "start" if initiated else own_targets_by(chosen, numbered_itself=False)
         config = configure(MultiTargetConfig.in_unit(scene.length_unit), {"assigned_target": own, **side.multi_target})
         figures = Evaluator(sources, scene, chosen).of_many(config)
         each.append(figures.result())

@@ -134,11 +134,11 @@ def opened_rows(opened: Opened | None, table: type[T]) -> Chunks[T] | None:
     if opened is None or not opened.has(table):
         return None
     rows = partial(opened.rows, table)
-    slow = opened.recording is not None or opened.foreign is not None
-    return partial(_gathered, SpilledTable(table, rows).chunks if slow else rows)
+    slow = opened.recording is not None or opened.external_table is not None
+    return partial(_collected, SpilledTable(table, rows).chunks if slow else rows)
 
 
-def _gathered(chunks: Chunks[T]) -> Iterator[T]:
+def _collected(chunks: Chunks[T]) -> Iterator[T]:
     """Rechunk to at least `AT_ONCE` rows, except for the last chunk."""
     parts, rows = list[T](), 0
     for chunk in chunks():
@@ -204,7 +204,7 @@ def streamed_bearings(path: Path | None, doa: Path | None, labels: bool, scene: 
     if not own and directions is None:
         return None
     aside = any(each is not None and each.recording is not None for each in (measured, directions))
-    return partial(_gathered, SpilledTable(Bearings, rows).chunks if aside else rows)
+    return partial(_collected, SpilledTable(Bearings, rows).chunks if aside else rows)
 
 
 def span_of_frames(chunks: Iterable[Ints], frames: tuple[int, int]) -> Span | None:

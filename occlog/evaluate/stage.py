@@ -49,7 +49,7 @@ from .bearings.noise import MeasuredNoise, figures_of, notes_of
 from .bearings.residuals import AgainstBearings
 from .errors.misalignment import TruthAlignment
 from .errors.on_ground import NoCommonTimeError, PairSums, TrackErrors, no_targets, pairs_by_number
-from .errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables, check_pairs, chunks_in_time, survey
+from .errors.survey import EvaluationChunk, EvaluationSurvey, SegmentTables, check_pairs, chunks_in_time, survey
 from .matching.config import EvaluateConfig
 from .matching.path_outline import TruthOutlines
 from .mot import figures as headline
@@ -248,7 +248,7 @@ class Evaluator:
         if sources.diagnostics is not None:
             evidence.rows = 0
             for rows in sources.diagnostics():
-                evidence.fared(rows)
+                evidence.add_diagnostics(rows)
         ground = None if many is None or not self._compares else GroundFigures.of(known, many, unit)
         pairs = self._prepare(ground, many)
         errors = TrackErrors(known, pairs, config, unit)
@@ -328,7 +328,7 @@ class Evaluator:
         return ground
 
     def _parts(
-        self, many: MultiTargetConfig | None, companion: StretchTables | None = None
+        self, many: MultiTargetConfig | None, companion: SegmentTables | None = None
     ) -> Iterator[tuple[EvaluationChunk, EvaluatedPart | None]]:
         """Generate sections, with their frames for the multi-target figures if requested.
 

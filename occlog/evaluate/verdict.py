@@ -343,17 +343,17 @@ class SightEvidence:
         """
         window_ns, before = self._made.window_ns, Limits(limits.begin, limits.end)
         ours, its = before.about(tracks, window_ns, 0), before.about(bearings, window_ns, 0)
-        fared = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
+        filter_diagnostics = None if diagnostics is None else before.about(diagnostics, window_ns, 0)
         its = bearings_used(its, self._made, self._held_out)
-        residuals, frames = self._of_estimates.compare(ours, its, fared)
+        residuals, frames = self._of_estimates.compare(ours, its, filter_diagnostics)
         if window_ns:
             # A bearing may belong to an estimate after the section
             ours, its = (
                 before.about(tracks, 0, self.margin_ns),
                 bearings_used(before.of(bearings), self._made, self._held_out),
             )
-            fared = None if diagnostics is None else before.about(diagnostics, 0, self.margin_ns)
-            _, frames = self._of_frames.compare(ours, its, fared)
+            filter_diagnostics = None if diagnostics is None else before.about(diagnostics, 0, self.margin_ns)
+            _, frames = self._of_frames.compare(ours, its, filter_diagnostics)
             ours = before.about(tracks, window_ns, 0)
         residuals = residuals.take(residuals.t_ns >= limits.begin)
         evidence, own = self._evidence, limits.of(tracks)

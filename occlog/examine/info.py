@@ -17,12 +17,12 @@ from occlog.console.summary import plausible_in_words
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.files.timing.utc import time_words, utc
-from occlog.io.recognition import FileContent, contents_of, is_foreign_bag, is_one_bag
+from occlog.io.recognition import FileContent, contents_of, is_one_bag, is_ros_bag
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
     from occlog.io.external.names import Spelling
-    from occlog.io.external.table import ForeignTable
+    from occlog.io.external.table import ExternalTable
     from occlog.io.recording.reader import McapRecording
     from occlog.records.scene import Camera, MicrophoneArray, Scene, TagReader
 
@@ -139,7 +139,7 @@ def describe(path: Path, rows: int) -> Description:
     kind = path.suffix.lower()
     if path.is_dir() and not is_one_bag(path) and not is_table_in_parts(path):
         return Description(*describe_folder(path, lambda file: describe(file, 0)))
-    if is_foreign_bag(path):
+    if is_ros_bag(path):
         return _describe_bag(path)
     opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet, .arrow, .csv)")
     if opened is None and kind in (".yaml", ".yml"):
@@ -148,8 +148,8 @@ def describe(path: Path, rows: int) -> Description:
         return _describe_scene(read_scene(path))
     if opened is None and kind in TABLES_OR_RECORDINGS:
         opened = open_input(path)
-    if opened is not None and opened.foreign is not None:
-        return _describe_foreign(opened.foreign)
+    if opened is not None and opened.external_table is not None:
+        return _describe_external(opened.external_table)
     if opened is not None:
         return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
     mistaken = describe_unsupported(path)
@@ -375,7 +375,7 @@ def _describe_table(path: Path, rows: int) -> Description:
     return Description({"kind": "table", **found}, lines)
 
 
-def _describe_foreign(table: ForeignTable) -> Description:
+def _describe_external(table: ExternalTable) -> Description:
     """Describe an external table: the table it is read as, and by which columns."""
     source, layout = table.source, table.layout_of(table.widest(table.layout.table))
     used = {s.name: s for s in layout.columns}

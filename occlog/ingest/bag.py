@@ -306,7 +306,7 @@ class _CameraState:
             self.first_repeat, self.repeats = self.first_repeat or where, self.repeats + 1
 
 
-class GatheredVideo:
+class CollectedVideo:
     """Collects the messages of a compressed video stream in a file for the decoder; undecodable messages are counted.
 
     Attributes:
@@ -354,7 +354,7 @@ class GatheredVideo:
         return self._lost
 
 
-def _decoding(stream: GatheredVideo, camera: str, plan: IngestPlan) -> CameraSource:
+def _decoding(stream: CollectedVideo, camera: str, plan: IngestPlan) -> CameraSource:
     """Decoder of a collected stream, with message numbers and times, for the frames that the plan selects."""
     times = np.array(stream.times, dtype=np.int64)
     first, stop = plan.frames.of(camera) or (0, None)
@@ -433,7 +433,7 @@ class Taking:
         self._of_other_times = 0
         self._extents = BoxExtents({c.name: c.image_size for c in scene.cameras if c.image_size is not None})
         self._beyond_lens: Counter[str] = Counter()
-        self._streams: dict[str, GatheredVideo] = {}
+        self._streams: dict[str, CollectedVideo] = {}
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._video_losses: list[Loss] = []
 
@@ -627,7 +627,7 @@ class Taking:
         if topic not in self._streams:
             self._folder = self._folder or tempfile.TemporaryDirectory(prefix="occlog-video-")
             path = Path(self._folder.name) / f"{len(self._streams)}.mkv"
-            self._streams[topic] = GatheredVideo(path, read.encoding, self.found.sizes[camera])
+            self._streams[topic] = CollectedVideo(path, read.encoding, self.found.sizes[camera])
         self._streams[topic].add(read.data, t_ns)
 
     def finish(self, note: Note) -> list[Loss]:
@@ -695,11 +695,11 @@ def _by_recorder(checks: Sequence[Check], topics: int) -> Iterator[Check]:
     """Findings of topics; a clock of the recorder is stated once, also if all topics drift from it alike."""
     drifts = [check for check in checks if check.id == "clock-drift"]
     ppm = [check.figures["ppm"] for check in drifts]
-    alike = topics > 1 and len(ppm) == topics and max(ppm) - min(ppm) < ALIKE * max(map(abs, ppm))
-    if alike:
+    similar = topics > 1 and len(ppm) == topics and max(ppm) - min(ppm) < ALIKE * max(map(abs, ppm))
+    if similar:
         size = -float(np.median(ppm))
         yield finding(STAMPS, "recorder-clock", what=f"gain {size:+.4g} ppm", size=size)
-    others = [check for check in checks if not (alike and check.id == "clock-drift")]
+    others = [check for check in checks if not (similar and check.id == "clock-drift")]
     first = next((check for check in others if check.id == "recorder-clock"), None)
     yield from (check for check in others if check.id != "recorder-clock" or check is first)
 

@@ -60,8 +60,8 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
     frames = f"frames {found.first} to {found.stop - 1}"
     steps = {name: each.step for name, each in found.ranges.items()}
     if max(steps.values(), default=1) > 1:
-        alike = len(set(steps.values())) == 1
-        text = str(max(steps.values())) if alike else ", ".join(f"{step} ({name})" for name, step in steps.items())
+        similar = len(set(steps.values())) == 1
+        text = str(max(steps.values())) if similar else ", ".join(f"{step} ({name})" for name, step in steps.items())
         frames += f" in steps of {text} (the frame rate counts every number)"
     note(f"boxes: {', '.join(reported)}; {frames}; a frame without a box is one without a detection")
     return found

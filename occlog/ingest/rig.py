@@ -12,7 +12,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.console.text import counted
-from occlog.core.geometry.camera import is_upright, looks_away, meeting_point, other_up_axis, vertical
+from occlog.core.geometry.camera import intersection_point, is_upright, looks_away, other_up_axis, vertical
 from occlog.io.formats.calibration.common import CALIBRATION
 from occlog.io.formats.calibration.reader import CalibrationFile
 from occlog.records.scene import HEIGHT_SLACK, Camera
@@ -42,7 +42,7 @@ def describe(calibration: CalibrationFile) -> str:
         return text
     # Cameras of a left-handed world have behind them what they see, until it is mirrored
     axes = rotations[:, :, 2] * (1.0 if calibration.mirror is None else -1.0)
-    point, along = meeting_point(positions, axes)
+    point, along = intersection_point(positions, axes)
     behind = [c.name for c, distance in zip(cameras, along.tolist(), strict=True) if not distance > 0.0]
     if behind:
         those = "any camera" if len(behind) == len(cameras) else ", ".join(behind)
@@ -133,7 +133,7 @@ def _distance_from_axes(places: Floats, axes: Floats) -> float:
         places: (n, 3) positions.
         axes: (n, 3) unit vectors.
     """
-    point, along = meeting_point(places, axes)
+    point, along = intersection_point(places, axes)
     extent = float(np.linalg.norm(np.ptp(places, axis=0)))
     if not (along > 0.0).all() or extent == 0.0:
         return np.inf

@@ -86,9 +86,9 @@ def _starts(plan: IngestPlan, sources: Sequence[CameraSource]) -> Iterator[Check
         for s in sources
         if s.name in plan.video and s.decoder.start_s is not None and not s.times.source.startswith("sidecar")
     }
-    alike = len(starts) > 1 and max(starts.values()) - min(starts.values()) < MIN_START_S
+    similar = len(starts) > 1 and max(starts.values()) - min(starts.values()) < MIN_START_S
     for name, start_s in starts.items():
-        if abs(start_s) >= MIN_START_S and not alike and name not in given:
+        if abs(start_s) >= MIN_START_S and not similar and name not in given:
             yield finding(STARTS, "video-start", sensors=[name], start_s=start_s)
 
 
@@ -214,15 +214,15 @@ def _change(own: StampedFrames, other: StampedFrames) -> ClockChange:
     """Change of the clock of a camera relative to that of another one, by frames of the same numbers."""
     first = max(own.first, other.first)
     count = min(own.stop, other.stop) - first
-    alike = _ends_alike(own, other)
-    if count < MIN_BLOCKS or not (alike or own.counted):
+    similar = _ends_alike(own, other)
+    if count < MIN_BLOCKS or not (similar or own.counted):
         return ClockChange(0.0, 0, 0.0)
     stride = max(count // MAX_COMPARED, 1)
     mine, its = (each.t_ns[first - each.first :][:count:stride] for each in (own, other))
     t_s, offset_s = (its - its[0]) / NS, ((mine - mine[0]) - (its - its[0])) / NS
     found, least_s = change_of(t_s, offset_s), MIN_OFF_FRAMES * float(np.median(np.diff(its))) / NS / stride
     rates = abs(abs(1e6 * found.drift) - NTSC_PPM) < NTSC_TOLERANCE_PPM
-    drifts = alike and abs(found.drift) * t_s[-1] >= least_s and not rates
+    drifts = similar and abs(found.drift) * t_s[-1] >= least_s and not rates
     return found._replace(
         step_s=found.step_s if abs(found.step_s) > least_s else 0.0, drift=found.drift if drifts else 0.0
     )

@@ -128,8 +128,8 @@ class Times:
         long = any(own.count >= FEWEST for own in (*self.frames.values(), *self.rows.values()))
         truth = "" if self.true.first <= self.true.last and (self.frames or self.rows) else "there is no truth"
         units = {check.sensors[0]: check for times in (self.frames, self.rows) for check in _units(times)}
-        alike = [{n: own for n, own in each.items() if n not in units} for each in (self.frames, self.rows)]
-        disjoint = (*units.values(), *_apart(alike[0], FRAMES_APART_NS), *_apart(alike[1], ROWS_APART_NS))
+        similar = [{n: own for n, own in each.items() if n not in units} for each in (self.frames, self.rows)]
+        disjoint = (*units.values(), *_apart(similar[0], FRAMES_APART_NS), *_apart(similar[1], ROWS_APART_NS))
         return (
             *outcome(SENSORS, disjoint, unless=several),
             *outcome(FRAMES, self._jumps(), unless="" if long else f"no sensor has {FEWEST} times"),

@@ -24,7 +24,7 @@ from .files.tables.parquet import arrow_batches, arrow_schema_of, read_header
 from .files.tables.table_writer import ROWS_PER_GROUP, WRITTEN
 
 VERSION = 1
-GATHERED = "batch."
+COLLECTED = "batch."
 """Beginning of the names of their schemas."""
 NAMES = pa.dictionary(pa.int32(), pa.string())
 """Type of columns of names."""
@@ -36,17 +36,17 @@ def field(name: str, kind: pa.DataType, doc: str, *, unit: str = "1", nullable: 
     return pa.field(name, kind, nullable=nullable, metadata={"unit": unit, "doc": doc})
 
 
-def gathered_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance, length_unit: str = "") -> pa.Schema:
+def dataset_schema(name: str, fields: Iterable[pa.Field], provenance: Provenance, length_unit: str = "") -> pa.Schema:
     """Schema of the table `name` over many recordings: the recording, then `fields`.
 
     `length_unit` is that of the table's lengths; empty: it has none.
     """
-    entries = {SCHEMA_KEY: f"{GATHERED}{name}/{VERSION}", **statements(provenance, length_unit)}
+    entries = {SCHEMA_KEY: f"{COLLECTED}{name}/{VERSION}", **statements(provenance, length_unit)}
     return pa.schema([RECORDING, *fields], metadata=entries)
 
 
 @contextmanager
-def gathered_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+def dataset_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
     """Context manager: writer of a file that appears whole when the block ends without an error.
 
     It replaces an older file at `path`.
@@ -58,7 +58,7 @@ def gathered_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]
 def write_rows(path: Path, schema: pa.Schema, rows: Iterable[dict[str, object]]) -> int:
     """Write rows, values by column name, in groups to a Parquet file; return the number of rows."""
     count, kept = 0, list[dict[str, object]]()
-    with gathered_writer(path, schema) as writer:
+    with dataset_writer(path, schema) as writer:
         for row in rows:
             kept.append(row)
             count += 1
@@ -85,9 +85,9 @@ def join_tables(path: Path, parts: Mapping[str, Path], name: str, provenance: Pr
             different types, values that are missing, or the name of another.
     """
     fields, unit = _columns(parts, name)
-    schema = gathered_schema(name, fields.values(), provenance, unit)
+    schema = dataset_schema(name, fields.values(), provenance, unit)
     count, kept, rows = 0, list[pa.Table](), 0
-    with gathered_writer(path, schema) as writer:
+    with dataset_writer(path, schema) as writer:
         for batch in _batches(parts, schema):
             kept.append(batch)
             rows, count = rows + batch.num_rows, count + batch.num_rows
@@ -180,9 +180,9 @@ METRICS = (
 
 def write_runs(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
     """Write the table `runs`, a row per recording, as Parquet; return the number of rows."""
-    return write_rows(path, gathered_schema("runs", RUNS, provenance), rows)
+    return write_rows(path, dataset_schema("runs", RUNS, provenance), rows)
 
 
 def write_metrics(path: Path, rows: Iterable[dict[str, object]], provenance: Provenance) -> int:
     """Write the table `metrics`, a row per figure, as Parquet; return the number of rows."""
-    return write_rows(path, gathered_schema("metrics", METRICS, provenance), rows)
+    return write_rows(path, dataset_schema("metrics", METRICS, provenance), rows)

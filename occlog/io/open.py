@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 from occlog.console.notes import log_detail
 from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
 from occlog.io.files.input_units import STATED
-from occlog.io.files.limits import EXPECTED, FOREIGN_BAG, Content, content_of, describe_unsupported, holds_text
+from occlog.io.files.limits import EXPECTED, ROS_BAG, Content, content_of, describe_unsupported, holds_text
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.tables.parquet import describe, is_ours, iter_table, read_header
 from occlog.records.columns import LENGTHS, ColumnTable
@@ -25,7 +25,7 @@ from occlog.records.tables import Truth, table_with
 
 if TYPE_CHECKING:
     from occlog.io.external.source import ColumnSource
-    from occlog.io.external.table import ForeignTable
+    from occlog.io.external.table import ExternalTable
     from occlog.io.recording.reader import McapRecording
     from occlog.records.scene import Scene
 
@@ -65,7 +65,7 @@ class Opened:
         length_unit: unit of its lengths; None: a recording without a scene does not state.
         recording: the recording; None: the input is a table.
         table: name of the table; empty for a recording.
-        foreign: the external table; None: the input is ours.
+        external_table: the external table; None: the input is ours.
     """
 
     path: Path
@@ -74,7 +74,7 @@ class Opened:
     length_unit: str | None
     recording: McapRecording | None
     table: str
-    foreign: ForeignTable | None = None
+    external_table: ExternalTable | None = None
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -84,7 +84,7 @@ class Opened:
     @property
     def made_in_a_scene(self) -> bool:
         """Whether a table states its unit or names its scene, i.e. was made from other files."""
-        if self.foreign is not None:
+        if self.external_table is not None:
             return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
 
@@ -101,12 +101,12 @@ class Opened:
     @property
     def counts_frames(self) -> bool:
         """Whether it is an external table with frame numbers in place of times."""
-        return self.foreign is not None and any(s.fps is not None for s in self.foreign.layout.columns)
+        return self.external_table is not None and any(s.fps is not None for s in self.external_table.layout.columns)
 
     def widest(self, table: type[T]) -> type[T]:
         """Variant of a table with all columns of the file (tracks of people have more columns than others)."""
-        if self.foreign is not None:
-            return self.foreign.widest(table)
+        if self.external_table is not None:
+            return self.external_table.widest(table)
         if self.recording is not None:
             return table
         return cast("type[T]", table_with(table.NAME, [c["name"] for c in describe(self.path)["columns"]]))
@@ -118,8 +118,8 @@ class Opened:
         None: as in its row groups.
         """
         self.require(table, remedy=remedy)
-        if self.foreign is not None:
-            return self.foreign.rows(table)
+        if self.external_table is not None:
+            return self.external_table.rows(table)
         if self.recording is not None:
             return self.recording.tables(table)
         return iter_table(self.path, table) if at_once is None else iter_table(self.path, table, at_once)
@@ -132,12 +132,12 @@ class Opened:
         """Raise InputError with a remedy unless the input holds one of the required tables."""
         if any(self.has(table) for table in tables):
             return
-        if self.foreign is not None:
-            if not any(self.foreign.fits(table) for table in tables):
+        if self.external_table is not None:
+            if not any(self.external_table.fits(table) for table in tables):
                 from occlog.io.external.table import best_fit
 
                 try:
-                    best_fit(self.foreign.source, tables)
+                    best_fit(self.external_table.source, tables)
                 except InputError as error:
                     raise InputError(f"{error}; as it is, it holds {self.table}") from None
             return
@@ -146,7 +146,7 @@ class Opened:
             swapped = next((hint for have, want, hint in SWAPPED if have == self.table and want in names), "")
             raise InputError(f"{self.path}: holds {self.table}; expected {_or(names)}{swapped}", id="wrong-content")
         missing = " and no ".join(WORDS.get(t.NAME, t.NAME) for t in tables)
-        hint = "" if self.recording.ours else f"; {FOREIGN_BAG}"
+        hint = "" if self.recording.ours else f"; {ROS_BAG}"
         raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}", id="wrong-content")
 
 
@@ -195,8 +195,8 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
         opened = _recording(path) if is_recording_name(path) else _table(path)
     if wants:
         opened.require(*wants, remedy=remedy)
-        if opened.foreign is not None:
-            opened = _external_table(opened.foreign.source, wants)
+        if opened.external_table is not None:
+            opened = _external_table(opened.external_table.source, wants)
     return opened
 
 
@@ -283,9 +283,9 @@ def _external_table(source: ColumnSource, wants: Sequence[type[ColumnTable]] = (
     InputError if none fits.
     """
     from occlog.io.external.names import kind_of, unit_in_name
-    from occlog.io.external.table import ForeignTable, best_fit
+    from occlog.io.external.table import ExternalTable, best_fit
 
-    table = ForeignTable(source, best_fit(source, wants))
+    table = ExternalTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:
         reported = unit_in_name(table.layout.table, column, name)
         STATED.get().note_use(name, kind_of(column), reported, source.path)
@@ -353,12 +353,12 @@ def external_positions(path: Path, length_unit: str) -> ExternalPositions | None
         if text:
             return None
         raise
-    assert opened.foreign is not None
+    assert opened.external_table is not None
     if text and not source.commented and opened.length_unit is None:
         return None
-    opened.foreign.convert_to(length_unit)
+    opened.external_table.convert_to(length_unit)
     on_earth = source.geodetic is not None or source.kind in ("GPX", "GeoJSON")
-    return ExternalPositions(opened.foreign.rows(Truth), on_earth)
+    return ExternalPositions(opened.external_table.rows(Truth), on_earth)
 
 
 def is_external(path: Path | None) -> bool:
@@ -415,8 +415,8 @@ def check_unit(
         source: the owner of that unit, for the message.
         error: what to raise.
     """
-    if opened.foreign is not None:
-        opened.foreign.convert_to(length_unit)
+    if opened.external_table is not None:
+        opened.external_table.convert_to(length_unit)
     elif opened.length_unit not in (None, length_unit):
         raise error(
             f"{opened.path}: lengths are in {opened.length_unit}, but in {length_unit} in {source}; "
@@ -432,9 +432,9 @@ def common_unit(inputs: Iterable[Opened | None]) -> tuple[str, str]:
     """
     opened = [each for each in inputs if each is not None]
     for each in opened:
-        if each.foreign is None and each.length_unit is not None:
+        if each.external_table is None and each.length_unit is not None:
             return each.length_unit, str(each.path)
-    others = [each for each in opened if each.foreign is not None and each.foreign.has_lengths]
+    others = [each for each in opened if each.external_table is not None and each.external_table.has_lengths]
     first = next((each for each in others if each.length_unit is None), next(iter(others), None))
     return ("m", "") if first is None else (first.length_unit or "m", str(first.path))
 
@@ -448,8 +448,8 @@ def open_in_unit(path: Path, length_unit: str | None, *wants: type[ColumnTable])
         wants: see `open_input`.
     """
     opened = open_input(path, *wants)
-    if opened.foreign is not None and length_unit is not None:
-        opened.foreign.convert_to(length_unit)
+    if opened.external_table is not None and length_unit is not None:
+        opened.external_table.convert_to(length_unit)
     return opened
 
 

@@ -132,7 +132,7 @@ def _of_file(path: Path) -> Iterator[FileContent]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}", id="unreadable-file") from error
     if head.startswith((RECORDING_MAGIC, *BAG_MAGICS)):
-        bag = is_foreign_bag(path)
+        bag = is_ros_bag(path)
         yield FileContent(*((FileKind.BAG, "bag of another program") if bag else (FileKind.RECORDING, "recording")))
     elif head[8:12] == b"WAVE":
         yield FileContent(FileKind.SOUND, "sound (WAV)")
@@ -166,10 +166,14 @@ def _of_table(path: Path) -> Iterator[FileContent]:
 
     opened = open_if_ours(path)
     # Tracks of occlog are a result, as of an earlier run in this folder
-    if opened is not None and opened.table in TABLES and not (opened.foreign is None and opened.table == "tracks"):
+    if (
+        opened is not None
+        and opened.table in TABLES
+        and not (opened.external_table is None and opened.table == "tracks")
+    ):
         kind, words = TABLES[opened.table]
-        form = f", {opened.foreign.source.kind}" if opened.foreign is not None else ", table of occlog"
-        ours = opened.foreign is None and kind not in (FileKind.TRUTH, FileKind.TABLE)
+        form = f", {opened.external_table.source.kind}" if opened.external_table is not None else ", table of occlog"
+        ours = opened.external_table is None and kind not in (FileKind.TRUTH, FileKind.TABLE)
         yield FileContent(FileKind.TABLE if ours else kind, f"{words}{form}")
 
 
@@ -380,7 +384,7 @@ def is_one_bag(folder: Path) -> bool:
         return True
 
 
-def is_foreign_bag(path: Path) -> bool:
+def is_ros_bag(path: Path) -> bool:
     """Whether a path is a ROS bag or an external MCAP file, possibly truncated."""
     if path.is_dir():
         from occlog.io.messages.bag import is_bag

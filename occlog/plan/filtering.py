@@ -142,23 +142,27 @@ def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
         turn: probability of a turn in this step.
         fresh: variance of each component of the velocity after a turn.
     """
-    born = rows[n]
-    born[:] = 0.0
-    _moments_into(rows, n, FILTER_COVARIANCE, born[STATE : STATE + 2], born[TRUE_COVARIANCE : TRUE_COVARIANCE + 3])
-    born[FILTER_COVARIANCE], born[FILTER_COVARIANCE + 1], born[FILTER_COVARIANCE + 4] = (
-        born[TRUE_COVARIANCE],
-        born[TRUE_COVARIANCE + 1],
-        born[TRUE_COVARIANCE + 2],
+    initiated = rows[n]
+    initiated[:] = 0.0
+    _moments_into(
+        rows, n, FILTER_COVARIANCE, initiated[STATE : STATE + 2], initiated[TRUE_COVARIANCE : TRUE_COVARIANCE + 3]
     )
-    _moments_into(rows, n, TRUE_COVARIANCE, born[STATE : STATE + 2], born[TRUE_COVARIANCE : TRUE_COVARIANCE + 3])
-    born[TRUE_COVARIANCE + 4] = born[TRUE_COVARIANCE + 2]
-    born[TRUE_COVARIANCE + 2] = 0.0
-    born[FILTER_COVARIANCE + 7] = born[FILTER_COVARIANCE + 9] = born[TRUE_COVARIANCE + 7] = born[
+    initiated[FILTER_COVARIANCE], initiated[FILTER_COVARIANCE + 1], initiated[FILTER_COVARIANCE + 4] = (
+        initiated[TRUE_COVARIANCE],
+        initiated[TRUE_COVARIANCE + 1],
+        initiated[TRUE_COVARIANCE + 2],
+    )
+    _moments_into(
+        rows, n, TRUE_COVARIANCE, initiated[STATE : STATE + 2], initiated[TRUE_COVARIANCE : TRUE_COVARIANCE + 3]
+    )
+    initiated[TRUE_COVARIANCE + 4] = initiated[TRUE_COVARIANCE + 2]
+    initiated[TRUE_COVARIANCE + 2] = 0.0
+    initiated[FILTER_COVARIANCE + 7] = initiated[FILTER_COVARIANCE + 9] = initiated[TRUE_COVARIANCE + 7] = initiated[
         TRUE_COVARIANCE + 9
     ] = fresh
     for h in range(n):
         rows[h, PROBABILITY] *= 1.0 - turn
-    born[PROBABILITY] = turn
+    initiated[PROBABILITY] = turn
 
 
 @kernel

@@ -57,7 +57,7 @@ def gaps_of(parameters: Mapping[str, object]) -> dict[str, list[tuple[int, int]]
     }
 
 
-def inside(stretches: list[tuple[int, int]], number: int) -> bool:
+def inside(segments: list[tuple[int, int]], number: int) -> bool:
     """Whether a number is in one of the sorted ranges (first, last)."""
-    k = bisect_right(stretches, (number, 2**63)) - 1
-    return k >= 0 and number <= stretches[k][1]
+    k = bisect_right(segments, (number, 2**63)) - 1
+    return k >= 0 and number <= segments[k][1]

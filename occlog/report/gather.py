@@ -319,7 +319,7 @@ class ReportFigures:
         residuals: of each track.
         sight: distances of each track with unknown errors.
         people: of all estimates of all people; None: tracks are not of all people.
-        fared: of all diagnostics.
+        filter_diagnostics: of all diagnostics.
         deviation: median standard deviation of a position.
         selections: of each target for which cameras were selected.
         events: how many there are of each kind.
@@ -339,7 +339,7 @@ class ReportFigures:
     residuals: Mapping[int, Residual] = field(default_factory=dict)
     sight: Mapping[int, TriangulationDistances] = field(default_factory=dict)
     people: PeopleStatistics | None = None
-    fared: FilterDiagnostics | None = None
+    filter_diagnostics: FilterDiagnostics | None = None
     deviation: float = float("nan")
     selections: Mapping[int, Selections] = field(default_factory=dict)
     events: Mapping[str, int] = field(default_factory=dict)
@@ -408,7 +408,7 @@ def in_files(paths: Mapping[str, Path], unit: str | None, scene: Scene | None) -
         if found.recording is not None and not found.has(kind):
             return None
         statement = None
-        if found.recording is None and found.foreign is None:
+        if found.recording is None and found.external_table is None:
             header = describe(path)
             statement = int(header["rows"]), frozenset(column["name"] for column in header["columns"])
         return StreamedTable(kind, opened_rows(found, kind) or partial(found.rows, kind), statement)
@@ -552,7 +552,7 @@ class _Reading:
             return
         people, spread = PeopleStreams(), Spool()
         bearings = self._open("bearings", Bearings) is not None and self._scene is not None
-        fared = self._open("diagnostics", Diagnostics) is not None
+        filter_diagnostics = self._open("diagnostics", Diagnostics) is not None
         existence = given.may_have("existence_probability") or self._in_images
 
         def watched() -> Iterator[Tracks]:
@@ -562,7 +562,7 @@ class _Reading:
                     people.add(piece)
                 if bearings:
                     self._posts.add(piece)
-                if fared and not self._unknown:
+                if filter_diagnostics and not self._unknown:
                     spread.add(deviation(piece))
                 yield piece
 
@@ -610,7 +610,7 @@ class _Reading:
         given: StreamedTable[Diagnostics] | None = self._open("diagnostics", Diagnostics)
         if given is None:
             return
-        fared, selected = (
+        filter_diagnostics, selected = (
             FilterDiagnosticsStreams(),
             SelectionStreams(max(-(-given.rows // self._most("diagnostics")), 1)),
         )
@@ -618,13 +618,13 @@ class _Reading:
 
         def watched() -> Iterator[Diagnostics]:
             for chunk in given.chunks():
-                self._evidence.fared(chunk)
-                fared.add(chunk)
+                self._evidence.add_diagnostics(chunk)
+                filter_diagnostics.add(chunk)
                 selected.add(chunk)
                 yield chunk
 
         if self._thin("diagnostics", given, watched()).whole.rows:
-            self._figures["fared"] = fared.finish()
+            self._figures["filter_diagnostics"] = filter_diagnostics.finish()
             self._selected = selected, given
 
     @property
@@ -726,8 +726,10 @@ class _Reading:
             tracks, diagnostics = self._open("tracks", Tracks), self._open("diagnostics", Diagnostics)
             same = diagnostics is not None and self._whole["diagnostics"].rows == self._whole["tracks"].rows
             assert tracks is not None
-            fared = diagnostics.chunks if diagnostics is not None and same else None
-            reference = BearingReference(tracks.chunks, fared, self._posts, self._evidence, self._made, self._without())
+            filter_diagnostics = diagnostics.chunks if diagnostics is not None and same else None
+            reference = BearingReference(
+                tracks.chunks, filter_diagnostics, self._posts, self._evidence, self._made, self._without()
+            )
         step_ns = float("nan") if leading is None else leading.step_ns
         steps = self._steps, step_ns
         found = bearings_of(stream.chunks, self._scene, self._targets(), steps, reference, self._most("bearings"))

@@ -273,7 +273,7 @@ def build_page(data: ReportInput, images: Thumbnails | None = None) -> str:
 
 
 def _plots(data: ReportInput) -> list[Plot]:
-    out = [*([] if data.in_images else [floorplan(data)]), *_everybody(data)]
+    out = [*([] if data.in_images else [floorplan(data)]), *_all_people(data)]
     if data.relabelled:
         for target in data.compared[:MAX_TARGETS]:
             out += _accuracy(data, target)
@@ -319,9 +319,9 @@ EVENT_WORDS = {
 """Descriptions of kinds of events, of one and of several."""
 
 
-def _everybody(data: ReportInput) -> list[Plot]:
+def _all_people(data: ReportInput) -> list[Plot]:
     """Plots of people and of the sensors that detect them."""
-    tracks, people = data.everybody, data.people
+    tracks, people = data.people_tracks, data.people
     if tracks is None or people is None:
         return []
     drawn = len(people.drawn)
@@ -433,22 +433,22 @@ def _selection(data: ReportInput, target: int) -> Plot:
 
 
 def _filter(data: ReportInput) -> list[Plot]:
-    diagnostics, fared = data.diagnostics, data.fared
-    if diagnostics is None or fared is None:
+    diagnostics, filter_diagnostics = data.diagnostics, data.filter_diagnostics
+    if diagnostics is None or filter_diagnostics is None:
         return []
-    fallbacks = sum(found.rows for found in fared.fallbacks.values())
-    steps, drawn = plural(fared.rows, "step"), "diagnostics"
+    fallbacks = sum(found.rows for found in filter_diagnostics.fallbacks.values())
+    steps, drawn = plural(filter_diagnostics.rows, "step"), "diagnostics"
     heading = "Filter"
-    if fared.particles:
-        lowest = number(round(fared.lowest, 1))
+    if filter_diagnostics.particles:
+        lowest = number(round(filter_diagnostics.lowest, 1))
         caption = f"Lowest effective sample size {lowest}; {plural(fallbacks, 'fallback')} in {steps}."
     elif data.tracks is not None and len(data.tracks):
         heading, median, drawn = "Certainty", number(data.figures.deviation), "tracks"
         caption = f"Median standard deviation of the position {median} {data.unit}; {fallbacks} of {steps} flagged."
     else:
         return []
-    if fared.doubtful:
-        caption += f" Doubtful: {fared.doubtful} of {steps} ({', '.join(fared.doubts)})."
+    if filter_diagnostics.doubtful:
+        caption += f" Doubtful: {filter_diagnostics.doubtful} of {steps} ({', '.join(filter_diagnostics.doubts)})."
     caption += _drawn(data, drawn)
     return [plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 

@@ -53,8 +53,8 @@ def build_picture(data: ReportInput) -> bytes:
 def _arrange(figure: SubFigure, data: ReportInput, panels: list[PicturePanel]) -> None:
     """Draw the floor plan on the left of a figure, the other panels on the right."""
     if data.in_images:
-        if data.everybody is not None and data.people is not None:
-            draw_crowd(figure, data, data.everybody, data.people)
+        if data.people_tracks is not None and data.people is not None:
+            draw_crowd(figure, data, data.people_tracks, data.people)
         return
     if not panels:
         draw_floorplan(figure, data)

@@ -128,7 +128,7 @@ def read_input(request: PageRequest, whole: Collection[str] = ()) -> ReportInput
         length_unit=unit,
         in_images=in_images,
         boxes_stated=not in_images or paths.tracks is None or _states_boxes(paths.tracks),
-        gathered=figures,
+        collected=figures,
         **tables,
     )
 

@@ -49,7 +49,7 @@ def applied_clocks(opened: Opened) -> dict[str, Clock] | None:
     """Clocks by which the times of an input were corrected, by camera; None if unknown."""
     if opened.recording is not None:
         return {} if opened.scene is None else clocks_of(opened.scene)
-    if opened.foreign is not None or opened.provenance.command != "detect":
+    if opened.external_table is not None or opened.provenance.command != "detect":
         return None
     stated = opened.provenance.parameters.get(CLOCKS, {})
     found = stated.items() if isinstance(stated, Mapping) else ()

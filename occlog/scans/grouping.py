@@ -200,8 +200,8 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
 
 def nearest(name: str, names: tuple[str, ...]) -> str:
     """Hint for an unknown sensor: the most similar name, or all names."""
-    alike = [known for known in names if known.casefold() == name.casefold()]
-    near = alike or get_close_matches(name, names, n=1)
+    similar = [known for known in names if known.casefold() == name.casefold()]
+    near = similar or get_close_matches(name, names, n=1)
     return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
 
 

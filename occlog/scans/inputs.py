@@ -63,7 +63,9 @@ class MeasurementInputs:
             )
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
         # Any external table with times, sensors and identities might be reads without strengths
-        alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
+        alone = alone and (
+            measured.has(Measurements) or (reads and measured.external_table is None and measured.has(Reads))
+        )
         if not distances and measured.has(Measurements):
             raise InputError(
                 f"{bearings}: holds measurements of distances, which methods apf, ekf, fix, map and ukf take",
@@ -73,7 +75,7 @@ class MeasurementInputs:
             more: tuple[type[ColumnTable], ...] = (Measurements,) if distances else ()
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
         self.scene: Scene = load_scene(scene, measured.scene, bearings)
-        if measured.foreign is not None and measured.table == Doa.NAME:
+        if measured.external_table is not None and measured.table == Doa.NAME:
             sources = f"those of sources, not of targets ({option('doa_labels')}: they are)"
             labels = "labels of targets" if doa_labels else sources
             console.note(

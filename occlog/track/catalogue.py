@@ -62,7 +62,7 @@ MEASURED = (
 """Options of methods that take ranges, signal strengths and time differences."""
 IN_IMAGES = ("initial_ellipses", "detections", "fundamental", "ground_tracks")
 """Options of all methods that track in images."""
-OF_EVERYBODY = ("associations", "events", "view_tracks", "doa", "gallery")
+OF_ALL_TARGETS = ("associations", "events", "view_tracks", "doa", "gallery")
 """Options of all methods that follow all people."""
 OF_TAGS = ("targets", "path_loss", "refine_bearings")
 """Options of all methods that take reads of tags."""
@@ -198,7 +198,7 @@ OURS: dict[str, MethodEntry] = {
         "multi-camera JIPDA of people on the ground, from boxes (Musicki, Evans 2004; Williams, Lau 2014)",
         "occlog.track.people.stage:JIPDA",
         "occlog.track.methods.jipda.config:JipdaConfig",
-        OF_EVERYBODY,
+        OF_ALL_TARGETS,
         takes_in=BOXES,
     ),
     "sort": MethodEntry(

@@ -85,7 +85,7 @@ class TrackSummary:
         self.labels = part.labels or self.labels
         self.motion = part.motion or self.motion
         self.outliers_matter |= part.outliers_matter
-        self.evidence.fared(part.diagnostics)
+        self.evidence.add_diagnostics(part.diagnostics)
         if part.residuals is not None:
             self.evidence.saw(part.tracks, ComparedBearings(part.residuals, part.frames), self.scene)
         if not self.joint:

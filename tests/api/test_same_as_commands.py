@@ -36,7 +36,7 @@ def test_tracks_have_the_bytes_of_the_command(
 ) -> None:
     reported = [part for name, value in setting.items() for part in ("--set", f"{name}={value}")]
     bearings, stations = files / "bearings.csv", files / "stations.csv"
-    out, fared = tmp_path / "tracks.parquet", tmp_path / "diagnostics.parquet"
+    out, filter_diagnostics = tmp_path / "tracks.parquet", tmp_path / "diagnostics.parquet"
     printed = command(
         "track",
         bearings,
@@ -47,7 +47,7 @@ def test_tracks_have_the_bytes_of_the_command(
         "-o",
         out,
         "--diagnostics",
-        fared,
+        filter_diagnostics,
         "--json",
         *reported,
     )
@@ -55,7 +55,7 @@ def test_tracks_have_the_bytes_of_the_command(
     result.tracks.save(tmp_path / "mine.parquet")
     result["diagnostics"].save(tmp_path / "fared.parquet")
     assert (tmp_path / "mine.parquet").read_bytes() == out.read_bytes()
-    assert (tmp_path / "fared.parquet").read_bytes() == fared.read_bytes()
+    assert (tmp_path / "fared.parquet").read_bytes() == filter_diagnostics.read_bytes()
     content = json.loads(printed)
     assert {**content, "losses": None, "tracks": None} == {**result.summary, "losses": None, "tracks": None}
 

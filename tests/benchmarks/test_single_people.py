@@ -17,10 +17,10 @@ def test_people_who_are_there_for_long_are_followed_among_false_bearings(shared_
     if not folder.is_dir():
         pytest.skip("the annotations of WILDTRACK are not there")
     scene = scene_of(folder)
-    everybody = people(folder, scene, Noise(), seed=7)
-    assert len(everybody) == 20
-    assert min(len(p.t_ns) for p in everybody) >= LEAST
-    found = [follow(p, scene, "map", {}) for p in everybody[::4]]
+    people_tracks = people(folder, scene, Noise(), seed=7)
+    assert len(people_tracks) == 20
+    assert min(len(p.t_ns) for p in people_tracks) >= LEAST
+    found = [follow(p, scene, "map", {}) for p in people_tracks[::4]]
     assert np.median([o.rmse for o in found]) < LIMIT
     assert not any(o.lost for o in found)
     assert 0.9 < np.mean(np.concatenate([o.nees for o in found]) < ELLIPSE) < 0.98
@@ -37,9 +37,9 @@ def test_three_of_seven_cameras_follow_people_at_two_frames_a_second(shared_data
         pytest.skip("the annotations of WILDTRACK are not there")
     scene = scene_of(folder, room=True)
     reported = {"detection_probability": 0.85, "false_alarm_probability": 0.05}
-    everybody = people(folder, scene, Noise(), seed=7)[::5]
+    people_tracks = people(folder, scene, Noise(), seed=7)[::5]
     found = [
-        [follow(p, scene, "apf", reported, selection=selection) for p in everybody]
+        [follow(p, scene, "apf", reported, selection=selection) for p in people_tracks]
         for selection in (None, SelectConfig("greedy", 3))
     ]
     whole, some = (np.array([o.rmse for o in part]) for part in found)

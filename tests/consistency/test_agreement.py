@@ -25,7 +25,7 @@ def rows(n: int, doubted: int = 0, residual: float = 1.0, sensor: str = "cam1", 
     )
 
 
-def gathered(*parts: Residuals, poses: dict[str, float] | None = None) -> ResidualStatistics:
+def collected(*parts: Residuals, poses: dict[str, float] | None = None) -> ResidualStatistics:
     made = ResidualStatistics()
     for part in parts:
         made.add(part, poses)
@@ -33,7 +33,7 @@ def gathered(*parts: Residuals, poses: dict[str, float] | None = None) -> Residu
 
 
 def test_no_residuals_say_nothing() -> None:
-    made = gathered(Residuals.empty())
+    made = collected(Residuals.empty())
     assert made.figures() == {}
     assert math.isnan(made.doubted)
     assert math.isnan(made.nis.value)
@@ -41,7 +41,7 @@ def test_no_residuals_say_nothing() -> None:
 
 
 def test_figures_add_up_over_parts_and_sensors() -> None:
-    made = gathered(rows(10, 2), rows(10, 0, 2.0, "cam2"), rows(5, 1))
+    made = collected(rows(10, 2), rows(10, 0, 2.0, "cam2"), rows(5, 1))
     found = made.figures()
     assert (found["bearings"], found["rejected_bearings"]) == (25, 3)
     assert found["nis"] == pytest.approx((12 + 40) / 22)
@@ -50,8 +50,8 @@ def test_figures_add_up_over_parts_and_sensors() -> None:
 
 
 def test_bearings_that_an_estimate_goes_through_do_not_count() -> None:
-    assert gathered(rows(50, residual=9.0, expected=0.99 * MIN_RESIDUAL_VARIANCE)).nis.degrees == 0.0
-    assert gathered(rows(50, residual=9.0, expected=MIN_RESIDUAL_VARIANCE)).nis.value == pytest.approx(
+    assert collected(rows(50, residual=9.0, expected=0.99 * MIN_RESIDUAL_VARIANCE)).nis.degrees == 0.0
+    assert collected(rows(50, residual=9.0, expected=MIN_RESIDUAL_VARIANCE)).nis.value == pytest.approx(
         81 / MIN_RESIDUAL_VARIANCE
     )
 
@@ -62,10 +62,10 @@ def test_errors_of_a_pose_are_one_error_however_many_bearings_there_are() -> Non
     part = Residuals.of(
         **{c.name: getattr(part, c.name) for c in Residuals.columns()} | {"residual": rng.normal(size=10_000)}
     )
-    assert gathered(part).nis.error < 0.05
+    assert collected(part).nis.error < 0.05
     # Of a bearing whose variance is all the pose's there is one square
-    assert gathered(part, poses={"cam1": 1.0}).nis.degrees == pytest.approx(1.0, rel=0.01)
-    assert gathered(part, poses={"cam1": 0.5}).nis.degrees == pytest.approx(4.0, rel=0.05)
+    assert collected(part, poses={"cam1": 1.0}).nis.degrees == pytest.approx(1.0, rel=0.01)
+    assert collected(part, poses={"cam1": 0.5}).nis.degrees == pytest.approx(4.0, rel=0.05)
 
 
 def test_the_pose_s_share_is_that_of_eq_2_at_the_median_distance() -> None:

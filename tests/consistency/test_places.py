@@ -161,7 +161,7 @@ def test_a_pillar_that_is_not_there_makes_a_wrong_track_and_the_verdict_says_so(
     parts = list(track([bearings], scene, TrackingTask(ApfConfig(), 0)))
     tracks, diagnostics = Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
     found = ConsistencyEvidence()
-    found.fared(diagnostics)
+    found.add_diagnostics(diagnostics)
     found.saw(tracks, ComparedBearings(*BearingConsistency(scene).compare(tracks, bearings, diagnostics)), scene)
     rmse = np.sqrt(np.mean(np.sum((np.column_stack([tracks.x, tracks.y]) - path)[10:] ** 2, axis=1)))
     codes = {f.id for f in findings(found.checks(one_target=True))}

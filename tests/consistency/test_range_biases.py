@@ -28,7 +28,7 @@ CORNERS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
 NAMES = ("s0", "s1", "s2", "s3")
 
 
-def gathered(seed: int, bias: Floats, stations: int = 4) -> RangeBiases:
+def collected(seed: int, bias: Floats, stations: int = 4) -> RangeBiases:
     """Ranges of 40 s at 5 Hz on a circle, 30 % missed, at estimates with an error that changes slowly."""
     rng = np.random.default_rng([8300, seed])
     seconds = np.arange(200) / 5.0
@@ -60,7 +60,7 @@ def test_sizes_are_right_within_their_errors() -> None:
     for bias in (np.array([0.0, 0.5, 0.0, 0.0]), np.full(4, 0.6)):
         away = []
         for seed in range(10):
-            found = gathered(seed, bias).found()
+            found = collected(seed, bias).found()
             assert [one.station for one in found] == [NAMES[s] for s in np.flatnonzero(bias)]
             away += [(one.size - bias[NAMES.index(one.station)]) / one.error for one in found]
         assert abs(np.mean(away)) < 4.0 / np.sqrt(10)
@@ -70,12 +70,12 @@ def test_sizes_are_right_within_their_errors() -> None:
 @pytest.mark.statistics
 def test_ranges_without_an_error_are_not_named() -> None:
     """20 recordings of four stations."""
-    assert not any(gathered(seed, np.zeros(4)).found() for seed in range(20))
+    assert not any(collected(seed, np.zeros(4)).found() for seed in range(20))
 
 
 def test_two_stations_leave_nothing_to_be_found() -> None:
     """Two circles always meet."""
-    assert not any(gathered(seed, np.full(4, 0.5), stations=2).found() for seed in range(10))
+    assert not any(collected(seed, np.full(4, 0.5), stations=2).found() for seed in range(10))
 
 
 def said_of(made: Recording, table: Measurements, method: str, range_bias: float = 0.0) -> list[Check]:

@@ -31,7 +31,7 @@ def path_of(seconds: Floats) -> Floats:
     return np.column_stack([5.0 + 2.5 * np.cos(angle), 4.0 + 2.5 * np.sin(angle)])
 
 
-def gathered(seed: int, *, yaw: float = 0.0, late_s: float = 0.0, sensors: int = 4) -> SystematicErrors:
+def collected(seed: int, *, yaw: float = 0.0, late_s: float = 0.0, sensors: int = 4) -> SystematicErrors:
     """Bearings of 40 s at 5 Hz, those of cam2 with an error, at estimates with an error that changes slowly."""
     rng = np.random.default_rng([4500, seed])
     seconds = np.arange(200) / 5.0
@@ -62,8 +62,8 @@ def test_sizes_are_right_within_their_errors() -> None:
     turned, late = [], []
     for seed in range(10):
         for found, kind, sizes in (
-            (gathered(seed, yaw=0.02).found(), TURNED, turned),
-            (gathered(seed, late_s=0.2).found(), LATE, late),
+            (collected(seed, yaw=0.02).found(), TURNED, turned),
+            (collected(seed, late_s=0.2).found(), LATE, late),
         ):
             assert (found[0].sensor, found[0].kind) == ("cam2", kind)
             sizes.append((found[0].size, found[0].error))
@@ -76,16 +76,16 @@ def test_sizes_are_right_within_their_errors() -> None:
 @pytest.mark.statistics
 def test_sensors_without_an_error_are_not_named() -> None:
     """20 recordings; the probability of a finding in any is 0.02 by the stated significance."""
-    assert sum(bool(gathered(seed).found()) for seed in range(20)) <= 1
+    assert sum(bool(collected(seed).found()) for seed in range(20)) <= 1
 
 
 def test_two_sensors_leave_nothing_to_be_found() -> None:
     for seed in range(10):
-        assert not gathered(seed, yaw=0.02, sensors=2).found()
+        assert not collected(seed, yaw=0.02, sensors=2).found()
 
 
 def test_stated_errors_of_poses_are_no_finding() -> None:
-    found = gathered(1, yaw=0.02)
+    found = collected(1, yaw=0.02)
     found._sensors["cam2"] = replace(found._sensors["cam2"], sigma_yaw=0.01)
     assert not found.found()
 

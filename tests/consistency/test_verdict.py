@@ -35,7 +35,7 @@ from occlog.records.verdicts import Verdict, finding, findings, plausible, summa
 N = 2000
 
 
-def fared(
+def filter_diagnostics(
     n: int = N, few: int = 0, fallback: tuple[str, int] = ("", 0), doubt: tuple[str, int] = ("", 0), seen: int = 1
 ) -> Diagnostics:
     nothing, none = np.full(n, np.nan), np.zeros(n, np.int32)
@@ -79,7 +79,7 @@ def report_of(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals,
 
 def every(*, diagnostics: Diagnostics | None = None, parts: tuple[Residuals, ...] = (), frames=(), one=True):
     found = ConsistencyEvidence()
-    found.fared(fared() if diagnostics is None else diagnostics)
+    found.add_diagnostics(filter_diagnostics() if diagnostics is None else diagnostics)
     for part in parts:
         found.saw(Tracks.empty(), ComparedBearings(part, tuple(frames)), Scene())
     if not parts:
@@ -110,7 +110,11 @@ def test_chance_may_break_a_limit_with_one_run_in_a_thousand() -> None:
 )
 def test_shares_of_rows_are_reported_beyond_their_limit(share: float, code: str) -> None:
     def made(count: int) -> Diagnostics:
-        return fared(few=count) if code == "particles-depleted" else fared(fallback=("restart", count))
+        return (
+            filter_diagnostics(few=count)
+            if code == "particles-depleted"
+            else filter_diagnostics(fallback=("restart", count))
+        )
 
     assert codes(diagnostics=made(round(share * N))) == []
     assert codes(diagnostics=made(round(2 * share * N))) == [code]
@@ -122,14 +126,14 @@ def test_shares_of_rows_are_reported_beyond_their_limit(share: float, code: str)
 def test_cameras_that_were_selected_in_vain_are_reported_beyond_half_of_the_rows(
     blind: float, found: list[str]
 ) -> None:
-    rows = fared()
+    rows = filter_diagnostics()
     saw = np.where(np.arange(N) < blind * N, 1, 2).astype(np.int32)
     assert codes(diagnostics=replace(rows, n_detected=saw, selected=np.full(N, "cam1,cam2,cam3"))) == found
     assert codes(diagnostics=replace(rows, n_detected=saw, selected=np.full(N, "cam1"))) == []
 
 
 def test_depletion_says_number_limit_and_remedy() -> None:
-    (found,) = report_of(diagnostics=fared(few=N))
+    (found,) = report_of(diagnostics=filter_diagnostics(few=N))
     assert (found.id, found.severity) == ("particles-depleted", "warning")
     known = {"share": 1.0, "least": MIN_EFFECTIVE_SAMPLE_SIZE, "median": 5.0, "allowed": 0.25}
     assert found.figures == pytest.approx(known, rel=0.01)
@@ -144,42 +148,45 @@ def test_doubts_are_a_warning_beyond_one_row_in_twenty_and_a_note_below(doubt: s
         (round(MAX_FLAGGED_SHARE * N), "note"),
         (round(MAX_FLAGGED_SHARE * N) + 1, "warning"),
     ):
-        (found,) = report_of(diagnostics=fared(doubt=(doubt, count)))
+        (found,) = report_of(diagnostics=filter_diagnostics(doubt=(doubt, count)))
         assert (found.id, found.severity) == (QUALITY_FLAGS[doubt], severity)
         assert found.text.startswith(f"{count} of {N} rows ")
-    assert codes(diagnostics=fared(doubt=(doubt, 0))) == []
+    assert codes(diagnostics=filter_diagnostics(doubt=(doubt, 0))) == []
 
 
 def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
-    found = report_of(diagnostics=fared(fallback=("unobservable", N)))
+    found = report_of(diagnostics=filter_diagnostics(fallback=("unobservable", N)))
     assert [(f.id, f.severity) for f in found] == [("unobservable", "note")]
     assert plausible(found)
 
 
 def test_a_target_that_no_sensor_ever_saw_is_reported() -> None:
-    (found,) = report_of(diagnostics=fared(seen=0))
+    (found,) = report_of(diagnostics=filter_diagnostics(seen=0))
     assert (found.id, found.severity) == ("targets-never-detected", "note")
     assert (found.targets, found.figures) == ((0,), {"count": 1, "of": 1})
 
 
 def test_a_filter_that_begins_again_in_nearly_every_row_says_how_far_apart_rows_are() -> None:
     minutes = np.arange(N) * 60_000_000_000
-    (found,) = report_of(diagnostics=replace(fared(fallback=("gap", round(0.9 * N))), t_ns=minutes))
+    (found,) = report_of(diagnostics=replace(filter_diagnostics(fallback=("gap", round(0.9 * N))), t_ns=minutes))
     assert found.id == "gaps"
     assert found.figures["interval_s"] == pytest.approx(60.0, rel=1e-3)
-    assert report_of(diagnostics=replace(fared(fallback=("gap", round(0.5 * N))), t_ns=minutes)) == ()
+    assert report_of(diagnostics=replace(filter_diagnostics(fallback=("gap", round(0.5 * N))), t_ns=minutes)) == ()
 
 
 def test_places_that_are_contested_are_reported_beyond_one_row_in_ten() -> None:
-    assert codes(diagnostics=fared(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N)))) == []
-    assert codes(diagnostics=fared(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N) + 1))) == [
-        "possible-outlier"
-    ]
+    assert (
+        codes(diagnostics=filter_diagnostics(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N))))
+        == []
+    )
+    assert codes(
+        diagnostics=filter_diagnostics(fallback=("possible_outlier", round(MAX_POSSIBLE_OUTLIER_SHARE * N) + 1))
+    ) == ["possible-outlier"]
 
 
 @pytest.mark.parametrize("fallback", [value for value, (_, allowed) in FALLBACKS.items() if not allowed][:3])
 def test_rows_of_a_batch_method_that_failed_are_reported(fallback: str) -> None:
-    found = report_of(diagnostics=fared(fallback=(fallback, 1)))
+    found = report_of(diagnostics=filter_diagnostics(fallback=(fallback, 1)))
     assert [f.id for f in found] == [FALLBACKS[fallback][0]]
     assert not plausible(found)
 

@@ -67,8 +67,8 @@ def test_ways_are_stretches_of_the_walk_that_end_in_their_cells_and_people_keep_
     assert walked.ways.shape == (20 * len(cells.xy), steps, 2)
     np.testing.assert_array_equal(nearest_cell(cells, walked.ways[:, -1]), np.repeat(np.arange(len(cells.xy)), 20))
     for i in range(0, len(walked.ways), 97):
-        stretch = people[walked.first[i] : walked.first[i] + steps, walked.own[i]]
-        np.testing.assert_array_equal(walked.ways[i], stretch)
+        segment = people[walked.first[i] : walked.first[i] + steps, walked.own[i]]
+        np.testing.assert_array_equal(walked.ways[i], segment)
     assert len(set(walked.own.tolist())) == people.shape[1] == 12
     some = people[::500]
     apart = np.hypot(*(some[:, :, None] - some[:, None]).transpose(3, 0, 1, 2))

@@ -282,7 +282,7 @@ def read(folder: Path, given: dict[str, ColumnTable], scene: Scene | None) -> Re
     written(folder, **given)
     files = in_files({name: folder / f"{name}.parquet" for name in given}, None, scene)
     tables, figures = gather(files, TrackProvenance(), scene, {})
-    return ReportInput(scene=scene, gathered=figures, **tables)
+    return ReportInput(scene=scene, collected=figures, **tables)
 
 
 @pytest.mark.parametrize(

@@ -105,13 +105,13 @@ def test_lz4_gives_no_byte_more_than_its_chunk_declares() -> None:
 
 def test_a_table_promises_no_more_rows_than_fit_into_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     good = pq.read_table(ROOT / "tests/golden/expected/simulated/bearings.parquet")
-    ours, foreign = tmp_path / "r.parquet", tmp_path / "f.parquet"
+    ours, external_table = tmp_path / "r.parquet", tmp_path / "f.parquet"
     pq.write_table(good.take(pa.array(np.zeros(1_100_000, np.int32))), ours, compression="zstd")
     rows = pa.table(
         {"t": pa.array(np.zeros(1_100_000)), "sensor": pa.array(["a"]).take(pa.array(np.zeros(1_100_000, int)))}
     )
-    pq.write_table(rows, foreign, compression="zstd")
-    for path in (ours, foreign):
+    pq.write_table(rows, external_table, compression="zstd")
+    for path in (ours, external_table):
         code = run(["track", str(path), "--scene", SCENE, "-o", str(tmp_path / "t.parquet")])
         (line,) = capfd.readouterr().err.splitlines()
         assert code == ExitCode.BAD_INPUT

@@ -181,7 +181,7 @@ def noise_variance(
     return np.asarray(calibration + np.asarray(sigma_read_px) ** 2)
 
 
-def meeting_point(centres: Floats, axes: Floats) -> tuple[Floats, Floats]:
+def intersection_point(centres: Floats, axes: Floats) -> tuple[Floats, Floats]:
     """Point nearest to all optical axes (least squares), and its distance along each axis.
 
     Args:
@@ -294,7 +294,7 @@ def looks_away(centres: Floats, rotations: Floats) -> bool:
     """
     if is_upright(rotations) and (centres[:, 2] >= 0.0).any():
         return False
-    _, along = meeting_point(centres, rotations[:, :, 2])
+    _, along = intersection_point(centres, rotations[:, :, 2])
     if len(centres) > 1 and np.isfinite(along).all():
         return bool((along < 0.0).all())
     return bool(((rotations[:, 2, 1] > 0.0) & (rotations[:, 2, 2] > 0.0) & (centres[:, 2] > 0.0)).all())

@@ -11,7 +11,7 @@ exchanges are as probable.  That is tested exactly (`subset_means`), without an 
 
 Where there are `MANY_RECORDINGS` or more, each recording is a part: what differs between recordings then counts, and a
 statement is about recordings like these.  With fewer it is about these recordings alone.  Frames that follow each other
-are alike, so that parts are then segments of frames, each `STRETCHES_APART` times as long as the integrated
+are alike, so that parts are then segments of frames, each `SEGMENT_LENGTHS` times as long as the integrated
 autocorrelation time of u: segments are nearly independent (blocks as in Carlstein 1986).
 
 Figures of identities are another matter: a target that has become another one stays that to the end, so that no two
@@ -107,10 +107,10 @@ def interval(means: Floats, level: float) -> tuple[float, float]:
 
 Metric = Callable[[Floats], Floats]
 """(..., k) sums to (...) a figure."""
-STRETCHES_APART = 5.0
-MIN_STRETCHES = 20
+SEGMENT_LENGTHS = 5.0
+MIN_SEGMENTS = 20
 """Fewest segments of time from which anything is concluded."""
-MAX_STRETCHES = 100
+MAX_SEGMENTS = 100
 """Most segments of all recordings: longer ones are never less independent."""
 MANY_RECORDINGS = 8
 """Fewest recordings that are compared whole: all of them better come about by chance once in 256 times."""
@@ -127,7 +127,7 @@ class PairedDifference(NamedTuple):
         low, high: confidence interval of the difference; NaN: too few parts.
         se: standard error of the difference; NaN likewise.
         p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
-        stretches: how many parts were compared, recordings or segments of time.
+        segments: how many parts were compared, recordings or segments of time.
         recordings: whether each was a whole recording.
         drawn: (D,) sorted means of subsets of the parts, see `subset_means`; (0,): no test.
     """
@@ -139,7 +139,7 @@ class PairedDifference(NamedTuple):
     high: float
     se: float
     p: float
-    stretches: int
+    segments: int
     recordings: bool
     drawn: Floats
 
@@ -192,13 +192,13 @@ def compare(
     added = [(y - x) @ slope for x, y in zip(a, b, strict=True)]
     whole = sum(len(u) > 0 for u in added) >= MANY_RECORDINGS
     # Where a run has no figure nothing is decided, but its segments are cut all the same
-    cut = _whole(added) if whole else _stretches([np.nan_to_num(u) for u in added])
+    cut = _whole(added) if whole else _segments([np.nan_to_num(u) for u in added])
     count = len(cut)
     none = PairedDifference(values[0], values[1], difference, *NOT_KNOWN, count, whole, np.zeros(0))
     if difference == 0.0 and not any(u.any() for u in added):
         # Where no frame adds to a difference missing, and no test is needed
         return none._replace(low=0.0, high=0.0, se=0.0, p=1.0)
-    if not np.isfinite(difference) or (not whole and (lasting or count < MIN_STRETCHES)):
+    if not np.isfinite(difference) or (not whole and (lasting or count < MIN_SEGMENTS)):
         return none
     parts = np.array([added[r][i:j].sum() for r, i, j in cut])
     weights = np.array([float(j - i) for _, i, j in cut])
@@ -228,7 +228,7 @@ def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
     return [(r, 0, len(u)) for r, u in enumerate(added) if len(u)]
 
 
-def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
+def _segments(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
     """Cut recordings into segments that are long relative to the correlation time.
 
     Args:
@@ -238,7 +238,7 @@ def _stretches(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
         Recording, first frame and frame after the last, of each segment.
     """
     frames = sum(len(u) for u in added)
-    length = max(int(np.ceil(STRETCHES_APART * autocorrelation_time(added))), -(-frames // MAX_STRETCHES))
+    length = max(int(np.ceil(SEGMENT_LENGTHS * autocorrelation_time(added))), -(-frames // MAX_SEGMENTS))
     out = []
     for r, u in enumerate(added):
         if not len(u):

@@ -19,7 +19,7 @@ from occlog.errors import option
 from occlog.evaluate.errors.bound import BoundDimensions, Bounds
 from occlog.evaluate.errors.information import DistancesOfTargets
 from occlog.evaluate.errors.sums import quantiles_of
-from occlog.evaluate.errors.survey import EvaluationChunk, EvaluationSurvey, StretchTables
+from occlog.evaluate.errors.survey import EvaluationChunk, EvaluationSurvey, SegmentTables
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.observations import SensorObservationSet, observe
 from occlog.evaluate.matching.path_outline import NEAR_NS, OCCLUDER, TARGET, TruthOutlines
@@ -183,8 +183,10 @@ class AgainstBearings:
         self._sensors: dict[str, SensorGeometry] = {}
         self._cuts, self._noise = ScanCuts(config), NoiseFigures(config)
         sees = sources.bearings is not None
-        self._meeting = TriangulationFigures(scene.length_unit, config) if sees and sources.tracks is not None else None
-        held_out = bool(config.held_out) and self._meeting is not None
+        self._intersection = (
+            TriangulationFigures(scene.length_unit, config) if sees and sources.tracks is not None else None
+        )
+        held_out = bool(config.held_out) and self._intersection is not None
         self._held_out = HeldOutFigures(scene, sorted(known.tracks), config) if held_out else None
         self._detections = DetectionFigures() if sees and sources.truth is not None else None
         self._noise_from_truth = NoiseFromTruth(scene) if with_positions else None
@@ -197,7 +199,7 @@ class AgainstBearings:
         self.rows = 0
         """Bearings so far."""
 
-    def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> StretchTables:
+    def begin(self, pairs: Mapping[int, int], evidence: ConsistencyEvidence, *, high_tracks: bool) -> SegmentTables:
         """Open bearings and measurements; return the tables to read along with tracks and truth.
 
         Args:
@@ -212,7 +214,7 @@ class AgainstBearings:
         )
         self._diagnostics: TableBuffer[Diagnostics] | None = None
         margin_ns = 0
-        if self._meeting is not None:
+        if self._intersection is not None:
             self._sight = SightEvidence(evidence, self._scene, sources.made, config.held_out)
             margin_ns = self._sight.margin_ns
             if sources.diagnostics is not None and evidence.rows == self._known.estimates:
@@ -233,7 +235,7 @@ class AgainstBearings:
         margins_ns = [margin_ns] * len(sides)
         if self._distances is not None:
             sides, margins_ns = [*sides, self._measurements], [*margins_ns, 0]
-        return StretchTables(
+        return SegmentTables(
             sides,
             margins_ns,
             tracks_ns=max(config.bridge_ns + self._cuts.window_ns + 1, margin_ns),
@@ -258,8 +260,8 @@ class AgainstBearings:
         tracks = self._tracks_about(part)
         for scans in self._cuts.update(own, part.limits.end):
             self._noise.update(scans, self._sensors)
-            if self._meeting is not None:
-                self._meeting.update(scans, self._sensors, tracks.get(scans.target))
+            if self._intersection is not None:
+                self._intersection.update(scans, self._sensors, tracks.get(scans.target))
         if self._held_out is not None:
             self._held_out.update(rows, tracks)
         if self._sight is not None:
@@ -279,7 +281,7 @@ class AgainstBearings:
 
     def _tracks_about(self, part: EvaluationChunk) -> Mapping[int, ObjectPath]:
         """Return the tracks around the scans that end in a section (they may have begun before it), by label."""
-        if self._meeting is None:
+        if self._intersection is None:
             return {}
         return paths_of(part.limits.about(part.sides[0], self._config.bridge_ns + self._cuts.window_ns + 1))
 
@@ -341,7 +343,7 @@ class AgainstBearings:
 
     def meeting(self) -> Metrics:
         """Triangulation figures and held-out sensors; empty without tracks."""
-        found = {} if self._meeting is None else self._meeting.result()
+        found = {} if self._intersection is None else self._intersection.result()
         return found if self._held_out is None else found | self._held_out.result()
 
     def noise_at_known_positions(self) -> dict[str, MeasuredNoise]:
@@ -354,10 +356,10 @@ class AgainstBearings:
 
     def note(self) -> str:
         """Reason why no track was compared with triangulated positions, with the remedy."""
-        return no_meeting(self._labelled, self._config)
+        return no_intersection(self._labelled, self._config)
 
 
-def no_meeting(labelled: bool, config: EvaluateConfig) -> str:
+def no_intersection(labelled: bool, config: EvaluateConfig) -> str:
     """Reason why no track was compared with triangulated positions, with the remedy.
 
     Args:

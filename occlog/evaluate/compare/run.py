@@ -19,7 +19,7 @@ from occlog.console.notes import begin_work
 from occlog.console.text import as_bytes, in_seconds
 from occlog.core.metrics.mot.frame_pairs import of_points
 from occlog.core.metrics.mot.frame_sums import FIGURES, LASTING, LESS_IS_BETTER, frame_sums
-from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_STRETCHES, PairedDifference, compare
+from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_SEGMENTS, PairedDifference, compare
 from occlog.errors import InputError, UsageError, option
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.config import MultiTargetConfig
@@ -352,7 +352,7 @@ def _why(row: ComparisonRow, later: int) -> str:
     """Reason why a row is undecided against `later` methods."""
     found = row.found
     if np.isfinite(found.p):
-        return f"of {found.stretches} recordings nothing can be shown of {later} methods; take more recordings"
+        return f"of {found.segments} recordings nothing can be shown of {later} methods; take more recordings"
     if row.figure in LASTING:
         return f"identities that were exchanged stay so: that takes {MANY_RECORDINGS} recordings or more"
-    return f"{found.stretches} independent time intervals, fewer than {MIN_STRETCHES}"
+    return f"{found.segments} independent time intervals, fewer than {MIN_SEGMENTS}"

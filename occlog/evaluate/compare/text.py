@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_STRETCHES, PairedDifference
+from occlog.core.metrics.paired import MANY_RECORDINGS, MIN_SEGMENTS, PairedDifference
 from occlog.records.losses import Loss
 
 
@@ -116,7 +116,7 @@ def basis(found: MetricComparison) -> str:
     if whole:
         return f"{what}; {count} recordings exchanged, both runs at once; about recordings like these. {LEVEL}."
     few = (
-        f"fewer than {MIN_STRETCHES} independent ones decide nothing; "
+        f"fewer than {MIN_SEGMENTS} independent ones decide nothing; "
         f"of identities fewer than {MANY_RECORDINGS} recordings"
     )
     return f"{what}; time intervals exchanged, both runs at once; about these recordings alone; {few}. {LEVEL}."
@@ -164,7 +164,7 @@ def as_dict(found: MetricComparison, methods: Sequence[Path]) -> dict[str, objec
             "p": known(row.found.p),
             "p_holm": known(row.holm),
             "verdict": row.verdict,
-            "stretches": row.found.stretches,
+            "stretches": row.found.segments,
         }
         for row in found.rows
     ]

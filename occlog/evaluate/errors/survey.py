@@ -239,7 +239,7 @@ class EvaluationChunk(NamedTuple):
     sides: tuple[TableBuffer[Tracks], TableBuffer[Truth]]
 
 
-class StretchTables(NamedTuple):
+class SegmentTables(NamedTuple):
     """Tables that are read along with tracks and truth, with the margin around a section that they need [ns].
 
     Attributes:
@@ -261,7 +261,7 @@ def chunks_in_time(
     known: EvaluationSurvey,
     config: EvaluateConfig,
     track_gap_ns: int = 0,
-    companion: StretchTables | None = None,
+    companion: SegmentTables | None = None,
 ) -> Iterator[EvaluationChunk]:
     """Generate sections of tracks and truth.
 
@@ -275,7 +275,7 @@ def chunks_in_time(
         track_gap_ns: largest gap between samples of tracks, if larger.
         companion: other tables, of which rows may be read with a section.
     """
-    more = companion or StretchTables()
+    more = companion or SegmentTables()
     limit = max(known.gaps_ns.values(), default=0) if config.limit_ns is None else config.limit_ns
     margin = max(limit, config.bridge_ns, track_gap_ns)
     ours, theirs = TableBuffer(tracks, Tracks), TableBuffer(truth, Truth)

@@ -87,7 +87,7 @@ def _frames(recording: McapRecording, settings: DiffSettings) -> Iterator[Record
     if not topics:
         return
     pixels = settings.pixels and bool(recording.cameras)
-    yield from _gathered(_decoded(recording) if pixels else _raw(recording, topics))
+    yield from _collected(_decoded(recording) if pixels else _raw(recording, topics))
 
 
 def _raw(recording: McapRecording, topics: list[str]) -> Iterator[tuple[int, str, int, str]]:
@@ -104,7 +104,7 @@ def _decoded(recording: McapRecording) -> Iterator[tuple[int, str, int, str]]:
         yield frame.t_ns, frame.sensor, frame.index, digest
 
 
-def _gathered(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[RecordedMessages]:
+def _collected(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[RecordedMessages]:
     """Collect messages (time, topic, number, hash) in tables of up to `ROWS` rows, and generate these."""
     pending: list[tuple[int, str, int, str]] = []
     for message in messages:

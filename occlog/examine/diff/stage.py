@@ -235,7 +235,7 @@ def _worst(differ: Bools, difference: Floats, allowed: Floats) -> Values:
     return Values(np.asarray(differ.any(axis=1)), difference[rows, entry], allowed[rows, entry], entry)
 
 
-def _alike(
+def _similar(
     c: Column, a: NDArray[np.generic], b: NDArray[np.generic]
 ) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
     """Return the columns `a` and `b` of two tables; lists of different lengths are padded with NaN."""
@@ -398,7 +398,7 @@ class _Tally:
 
         Empty if none differs. `found`: how the rows are paired.
         """
-        values_a, values_b = _alike(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
+        values_a, values_b = _similar(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
         if values_a.ndim == 2 and not values_a.shape[1]:
             return []
         values = compare_values(values_a, values_b, c, self.kind.NAME, self.tolerances)
@@ -426,7 +426,7 @@ class _Tally:
         name = c.name
         if c.width:
             entry = int(values.entry[row])
-            (value_a,), (value_b,) = _alike(c, value_a[None], value_b[None])
+            (value_a,), (value_b,) = _similar(c, value_a[None], value_b[None])
             value_a, value_b, name = value_a[entry], value_b[entry], f"{c.name}[{entry}]"
         labels = c.kind in ("U", "?")
         return RowDifference(

@@ -21,7 +21,7 @@ from .result import DiffResult, DiffSettings, RowDifference, Scalar
 from .stage import diff_schemas, diff_tables
 
 if TYPE_CHECKING:
-    from occlog.io.external.table import ForeignTable
+    from occlog.io.external.table import ExternalTable
 
 
 def compare_tables(
@@ -39,7 +39,7 @@ def compare_tables(
     left, right = open_if_ours(a), open_if_ours(b)
     if left is None or right is None:
         return None
-    if left.foreign is not None or right.foreign is not None:
+    if left.external_table is not None or right.external_table is not None:
         return [_compare_others(left, right, name, settings, alone)]
     if alone:
         _check_kinds(a, b, settings)
@@ -77,7 +77,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
         settings: tolerances.
         alone: these two files are all that is compared, so that a tolerance of a column that neither has is an error.
     """
-    first, second = (b, a) if b.foreign is None else (a, b)
+    first, second = (b, a) if b.external_table is None else (a, b)
     kind = TABLES[first.table]
     second.require(kind)
     table = max((each.widest(kind) for each in (first, second)), key=lambda wide: len(wide.columns()))
@@ -91,12 +91,12 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     schema += [RowDifference("schema", name, {}, each, b="column") for each in names_b if each not in names_a]
     both = frozenset(names_a) & frozenset(names_b)
     found = diff_tables(table, a.rows(table), b.rows(table), settings.tolerances, both, unit)
-    if a.foreign is not None and b.foreign is not None:
-        schema += _compare_unused(a.foreign, b.foreign, table, name)
+    if a.external_table is not None and b.external_table is not None:
+        schema += _compare_unused(a.external_table, b.external_table, table, name)
     return replace(found, name=name, schema=tuple(schema))
 
 
-def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[ColumnTable], name: str) -> list[RowDifference]:
+def _compare_unused(a: ExternalTable, b: ExternalTable, table: type[ColumnTable], name: str) -> list[RowDifference]:
     """Return the first difference of each column of external tables that occlog's `table` does not have.
 
     A column that only one of them has is a difference too. `name`: of the files in the result.
@@ -118,7 +118,7 @@ def _compare_unused(a: ForeignTable, b: ForeignTable, table: type[ColumnTable], 
     return out
 
 
-def _raw_rows(table: ForeignTable, names: Sequence[str]) -> Iterator[tuple[Scalar, ...]]:
+def _raw_rows(table: ExternalTable, names: Sequence[str]) -> Iterator[tuple[Scalar, ...]]:
     for cells in table.source.cells(names):
         yield from zip(*([_plain(value) for value in cells.raw(name)] for name in names), strict=True)
 
@@ -135,8 +135,8 @@ def _plain(value: object) -> Scalar:
 
 def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
     """Names of a table's columns that a file has."""
-    if opened.foreign is not None:
-        return [s.column.name for s in opened.foreign.layout_of(table).columns]
+    if opened.external_table is not None:
+        return [s.column.name for s in opened.external_table.layout_of(table).columns]
     return [c["name"] for c in describe(opened.path)["columns"]]
 
 

@@ -17,7 +17,7 @@ from occlog.consistency.clock_offsets import cause_of
 from occlog.console.text import counted
 from occlog.errors import InputError
 from occlog.io.external.cells import TableCells
-from occlog.io.external.table import ForeignTable
+from occlog.io.external.table import ExternalTable
 from occlog.io.files.timing.utc import time_words, utc
 from occlog.records.messages import GAP_INTERVALS
 
@@ -287,7 +287,7 @@ MAX_BACKWARD_SHARE = 1 / 3
 class Restarts:
     """Checks the order of times of each sensor and identity, in file order."""
 
-    def __init__(self, table: ForeignTable) -> None:
+    def __init__(self, table: ExternalTable) -> None:
         """Create a check of an external table for times that go back, before its first row."""
         self._table = table
         self._last: dict[Hashable, int] = {}

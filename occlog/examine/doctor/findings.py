@@ -79,7 +79,7 @@ class Findings:
         self._found: dict[tuple[str, str], Finding] = {}
         self._kinds: dict[str, int] = {}
 
-    def add(self, kind: str, location: str, value: str, *, limit: str = "", count: int = 1, alike: str = "") -> None:
+    def add(self, kind: str, location: str, value: str, *, limit: str = "", count: int = 1, similar: str = "") -> None:
         """Add a finding.
 
         Args:
@@ -88,10 +88,10 @@ class Findings:
             value: value found.
             limit: what may be there, if the kind does not state it.
             count: how many locations it represents.
-            alike: what findings have in common that are counted as one; empty: each of the first `MAX_LISTED_FINDINGS`
+            similar: what findings counted as one have in common; empty: each of the first `MAX_LISTED_FINDINGS`
                 is listed separately.
         """
-        key = (kind, alike or f"{location}\0{value}")
+        key = (kind, similar or f"{location}\0{value}")
         if key not in self._found and self._kinds.get(kind, 0) >= MAX_LISTED_FINDINGS:
             key = next(each for each in reversed(self._found) if each[0] == kind)
         known = self._found.get(key)
@@ -114,12 +114,12 @@ class Findings:
         found = _PLACE.match(text)
         if found is not None:
             location, text = found[1], text[found.end() :]
-        self.add(kind, location, text, count=count, alike=_VALUE.sub("#", text))
+        self.add(kind, location, text, count=count, similar=_VALUE.sub("#", text))
 
     def join(self, others: Findings) -> None:
         """Add the findings of another file to these, in place."""
-        for (kind, alike), finding in others._found.items():
-            self._found[kind, f"{finding.file}\0{alike}"] = finding
+        for (kind, similar), finding in others._found.items():
+            self._found[kind, f"{finding.file}\0{similar}"] = finding
             self._kinds.setdefault(kind, 0)
 
     def __iter__(self) -> Iterator[Finding]:

@@ -17,10 +17,10 @@ import pyarrow as pa
 from occlog.array_types import NS, Ints
 from occlog.consistency.frozen import FrozenCameras
 from occlog.errors import InputError
-from occlog.io.dataset import GATHERED
+from occlog.io.dataset import COLLECTED
 from occlog.io.external.cells import TableCells
 from occlog.io.external.source import ColumnSource
-from occlog.io.external.table import ForeignTable, best_fit
+from occlog.io.external.table import ExternalTable, best_fit
 from occlog.io.files.tables.arrow import from_arrow
 from occlog.io.files.tables.parquet import arrow_batches, groups_of, read_header
 from occlog.io.files.texts.csv_rows import report_bad_lines_to
@@ -65,7 +65,7 @@ class TableWatch:
             k = int(back[0])
             row = first + k + 1 - (len(whole) - len(t_ns))
             value = f"{time_words(whole[k + 1])} after {time_words(whole[k])}"
-            self.findings.add("order", f"row {row}", value, count=len(back), alike="order")
+            self.findings.add("order", f"row {row}", value, count=len(back), similar="order")
         self._last = int(whole[-1]) if len(whole) else None
 
     def take(self, table: ColumnTable) -> None:
@@ -100,7 +100,7 @@ class TableWatch:
             for row in np.flatnonzero(rows)[:1].tolist():
                 key = ", ".join(f"{name} {getattr(table, name)[row]}" for name in table.KEY if name != "t_ns")
                 location = utc(int(_times(table)[row]))
-                self.findings.add(kind, location, key, count=int(rows.sum()), alike=kind)
+                self.findings.add(kind, location, key, count=int(rows.sum()), similar=kind)
         t_ns, sensor, frame = _times(table), getattr(table, "sensor", None), getattr(table, "frame", None)
         if sensor is None:
             self._clock("times").add(t_ns)
@@ -196,7 +196,7 @@ def check_table(path: Path, findings: Findings) -> None:
     try:
         header = read_header(path)
         note_losses(header.provenance.losses, findings)
-        if header.table.startswith(GATHERED):
+        if header.table.startswith(COLLECTED):
             # Rows of several recordings, which are in no order
             for _ in arrow_batches(path):
                 pass
@@ -239,22 +239,22 @@ def _look_at_batch(batch: pa.RecordBatch, first: int, watch: TableWatch) -> None
 def check_others(source: ColumnSource, findings: Findings) -> bool:
     """Add findings about an external table; return whether its kind is known."""
     try:
-        foreign = ForeignTable(source, best_fit(source))
+        external_table = ExternalTable(source, best_fit(source))
     except InputError as error:
         findings.refused("no-table", error)
         return False
-    check_external(foreign, findings)
+    check_external(external_table, findings)
     return True
 
 
-def check_external(foreign: ForeignTable, findings: Findings) -> None:
+def check_external(external_table: ExternalTable, findings: Findings) -> None:
     """Add findings about an external table, row by row, in any order."""
-    watch = TableWatch(foreign.layout.table, findings)
-    restarts = Restarts(foreign)
+    watch = TableWatch(external_table.layout.table, findings)
+    restarts = Restarts(external_table)
     with report_bad_lines_to(partial(findings.refused, "row")):
         try:
-            for cells in foreign.cells():
-                drop_bad_rows(len(cells), _maker(foreign, cells), watch)
+            for cells in external_table.cells():
+                drop_bad_rows(len(cells), _maker(external_table, cells), watch)
                 with suppress(InputError):  # of a time that cannot be, and was reported
                     restarts.add(cells)
         except InputError as error:
@@ -263,8 +263,8 @@ def check_external(foreign: ForeignTable, findings: Findings) -> None:
     restarts.judge(findings)
 
 
-def _maker(foreign: ForeignTable, cells: TableCells) -> Callable[[int, int], ColumnTable]:
-    return lambda start, stop: foreign.table_of(cells.part(start, stop))
+def _maker(external_table: ExternalTable, cells: TableCells) -> Callable[[int, int], ColumnTable]:
+    return lambda start, stop: external_table.table_of(cells.part(start, stop))
 
 
 def note_losses(losses: Iterable[Loss], findings: Findings) -> None:

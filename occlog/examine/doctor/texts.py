@@ -12,7 +12,7 @@ import numpy as np
 from occlog.array_types import Ints, Uints
 from occlog.errors import InputError, UsageError
 from occlog.io.external.source import find_source
-from occlog.io.external.table import ForeignTable, best_fit
+from occlog.io.external.table import ExternalTable, best_fit
 from occlog.io.files.limits import read_configuration
 from occlog.io.files.texts.csv_rows import CsvRows, report_bad_lines_to
 from occlog.io.files.texts.documents import MAX_JSON_BYTES, parse_json, parse_xml, toml_values
@@ -232,7 +232,7 @@ def _table(path: Path, findings: Findings) -> bool:
     try:
         source = find_source(path)
         if source is not None:
-            check_external(ForeignTable(source, best_fit(source)), findings)
+            check_external(ExternalTable(source, best_fit(source)), findings)
             return True
     except InputError as error:
         fault = error

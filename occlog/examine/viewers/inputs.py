@@ -168,7 +168,7 @@ def _unit(opened: list[Opened], scene: Scene | None) -> str:
     from occlog.io.open import check_unit, common_unit
 
     tables = [each for each in opened if each.recording is None]
-    telling = [each for each in tables if each.foreign is not None or each.made_in_a_scene]
+    telling = [each for each in tables if each.external_table is not None or each.made_in_a_scene]
     unit, source = common_unit(telling) if scene is None else (scene.length_unit, "the scene")
     for each in tables:
         check_unit(each, unit, source, InputError)

@@ -319,9 +319,9 @@ class Thinner:
             shown = topic in self._shown
             self._shown.discard(topic)
             return shown
-        stretch = (t_ns - self._begin) // self._every_ns
-        if self._kept.get(topic) == stretch:
+        segment = (t_ns - self._begin) // self._every_ns
+        if self._kept.get(topic) == segment:
             return False
-        self._kept[topic] = stretch
+        self._kept[topic] = segment
         self._shown.add(topic)
         return True

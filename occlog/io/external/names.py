@@ -176,7 +176,7 @@ class TableLayout(NamedTuple):
         return list(dict.fromkeys(name for s in self.columns for name in (s.name, s.far) if name))
 
     @property
-    def likeness(self) -> tuple[int, int]:
+    def similarities(self) -> tuple[int, int]:
         """Match quality: number of file columns used, and how many of them have the table's own names."""
         own = sum(s.name in (s.column.name, f"{s.column.name}_{s.unit}") for s in self.columns)
         return len({s.name for s in self.columns}), own
@@ -413,13 +413,13 @@ def _check_lengths(layout: TableLayout) -> None:
             first = lengths[0]
             bare = next((each for each in (first, s) if not each.unit), None)
             if bare is None:
-                alike = [each.column.name + ending(each.column, "m") for each in (first, s)]
+                similar = [each.column.name + ending(each.column, "m") for each in (first, s)]
             else:
                 # A name without a unit next to one with it: the same unit is meant, or it must be stated
                 unit = first.unit or s.unit
-                alike = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
+                similar = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
             raise InputError(
                 (f"column {bare.name} does not state its unit: " if bare is not None else "")
-                + f"columns {first.name} and {s.name} have several units; give all lengths one ({', '.join(alike)})",
+                + f"columns {first.name} and {s.name} have several units; give all lengths one ({', '.join(similar)})",
                 id="conflicting-values",
             )

@@ -52,7 +52,7 @@ FARTHEST_RAD = 4 * np.pi
 
 
 @dataclass
-class ForeignTable:
+class ExternalTable:
     """A file with columns that fit an occlog table.
 
     Attributes:
@@ -321,10 +321,10 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
     if not fitting:
         if faults:
             raise faults[0]
-        nearest = max(layouts, key=lambda layout: (layout.likeness[0] - len(layout.missing), layout.likeness))
+        nearest = max(layouts, key=lambda layout: (layout.similarities[0] - len(layout.missing), layout.similarities))
         check_fits(source, nearest)
-    best = max(fitting, key=lambda layout: layout.likeness)
-    if faults and not best.likeness[1]:
+    best = max(fitting, key=lambda layout: layout.similarities)
+    if faults and not best.similarities[1]:
         # Names that any table may have make no table, where those of another are there, but do not go together
         raise faults[0]
     if best.table is Reads and not tables and _is_vague(best, source.names):
@@ -332,7 +332,7 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
         check_fits(source, _lay_out(source, Bearings))
     for layout in layouts:
         # A table that a misspelled column alone keeps from fitting better is the one that is meant
-        if len(layout.missing) == 1 and layout.likeness > best.likeness and misspelled(layout, source.names):
+        if len(layout.missing) == 1 and layout.similarities > best.similarities and misspelled(layout, source.names):
             check_fits(source, layout)
     return best
 

@@ -21,13 +21,13 @@ from .programs import START, describe_program
 STANDARD_INPUT = "-"
 """Name of the file that holds the content of standard input."""
 
-FOREIGN_BAG = "of a bag of another program `occlog ingest` makes a recording"
+ROS_BAG = "of a bag of another program `occlog ingest` makes a recording"
 """Remedy for a bag where a recording was expected."""
 
 
 _IN_FOLDERS = (
-    ("*.mcap", f"; {FOREIGN_BAG}"),
-    ("*.db3", f"; {FOREIGN_BAG}"),
+    ("*.mcap", f"; {ROS_BAG}"),
+    ("*.db3", f"; {ROS_BAG}"),
     ("_delta_log", "; of a table of Delta Lake write the current version as one file"),
     ("metadata/*.avro", "; of a table of Iceberg write the current version as one file"),
     ("*.csv", "; name one file, and join tables in several files"),

@@ -183,6 +183,6 @@ def _without_doubles(t_ns: Ints, sensor: Strings, tag: Strings, rssi: np.ndarray
     """
     order = np.lexsort((rssi, tag, sensor, t_ns))
     a, b = order[:-1], order[1:]
-    alike = (rssi[a] == rssi[b]) | (np.isnan(rssi[a]) & np.isnan(rssi[b]))
-    same = (t_ns[a] == t_ns[b]) & (sensor[a] == sensor[b]) & (tag[a] == tag[b]) & alike
+    similar = (rssi[a] == rssi[b]) | (np.isnan(rssi[a]) & np.isnan(rssi[b]))
+    same = (t_ns[a] == t_ns[b]) & (sensor[a] == sensor[b]) & (tag[a] == tag[b]) & similar
     return order[np.concatenate([[True], ~same])], int(same.sum())

@@ -29,7 +29,7 @@ from occlog.records.losses import Loss
 from .codec import DARK, DARK_16, FULL, Changes, Facts, dark_bars, dim_values, is_dark, size_at
 from .limits import MAX_PIXELS
 
-MAX_STRETCHES = 20
+MAX_SEGMENTS = 20
 """Lost sections listed one by one; the rest is added up in one line."""
 NO_DECODER = ("hardware accelerated AV1", "No decoder", "no decoder")
 """What the decoder states of a video that is whole, for a codec that OpenCV was built without."""
@@ -127,7 +127,7 @@ class FrameLedger:
         """Report all frames missing from the range, and possible damage, as losses to `lost`."""
         losses = [*self._missing(), *self._odd_sizes(), *self._reported()]
         for why, frames in self._refused.items():
-            losses += _stretches(self._path.name, np.array(frames, dtype=np.int64), why)
+            losses += _segments(self._path.name, np.array(frames, dtype=np.int64), why)
         if self._misplaced:
             what = "pictures are stored in another order than shown, and some were dropped: times near these may be off"
             losses.append(Loss(self._path.name, "dropped frames", what))
@@ -145,8 +145,8 @@ class FrameLedger:
         gone = np.flatnonzero(~self._seen[self._start : self._stop]) + self._start
         broken = self._container.broken[gone]
         absent = "not in the file, or not completely"
-        yield from _stretches(self._path.name, gone[broken], absent)
-        yield from _stretches(self._path.name, gone[~broken], "could not be decoded")
+        yield from _segments(self._path.name, gone[broken], absent)
+        yield from _segments(self._path.name, gone[~broken], "could not be decoded")
 
     def _estimated(self) -> Iterator[Loss]:
         """Report missing frames by the decoder's estimated frame count, for containers that occlog cannot parse."""
@@ -162,27 +162,27 @@ class FrameLedger:
         for size in dict.fromkeys(s for _, s in self._odd):
             frames = np.array([i for i, s in self._odd if s == size], dtype=np.int64)
             want = f"{self._size[0]} x {self._size[1]}"
-            yield from _stretches(self._path.name, frames, f"{size[0]} x {size[1]} px where {want} was expected")
+            yield from _segments(self._path.name, frames, f"{size[0]} x {size[1]} px where {want} was expected")
 
     def _reported(self) -> Iterator[Loss]:
         """Report pictures delivered with decoder errors."""
         texts = dict(self._complaints)
-        for loss in _stretches(self._path.name, np.array(sorted(texts), dtype=np.int64), ""):
+        for loss in _segments(self._path.name, np.array(sorted(texts), dtype=np.int64), ""):
             first = texts[int(loss.place.split()[1].split("-")[0])] if loss.place.startswith("frame") else "errors"
             what = f"the decoder reported damage ({first}); the image and those built on it may be wrong"
             yield Loss(loss.source, loss.place, what)
 
 
-def _stretches(source: str, frames: Ints, what: str) -> Iterable[Loss]:
+def _segments(source: str, frames: Ints, what: str) -> Iterable[Loss]:
     """Losses of the rising frame numbers `frames`, one for each run of consecutive numbers.
 
-    Of more than `MAX_STRETCHES` runs the rest is one loss; `what` is the reason.
+    Of more than `MAX_SEGMENTS` runs the rest is one loss; `what` is the reason.
     """
     runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []
-    for run in runs[:MAX_STRETCHES]:
+    for run in runs[:MAX_SEGMENTS]:
         location = f"frame {run[0]}" if len(run) == 1 else f"frames {run[0]}-{run[-1]}"
         yield Loss(source, location, what, len(run))
-    rest = runs[MAX_STRETCHES:]
+    rest = runs[MAX_SEGMENTS:]
     if rest:
         location = f"{len(rest)} more sections in frames {rest[0][0]}-{rest[-1][-1]}"
         yield Loss(source, location, what, sum(map(len, rest)))

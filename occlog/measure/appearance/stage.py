@@ -123,7 +123,7 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
             rho[index], rho_corrected[index] = corrected(
                 each.density[rows], sides.density[columns, k], each.pixels[rows], sides.pixels[columns, k]
             )
-        same = most_alike(rho_corrected, config.min_similarity)
+        same = most_similar(rho_corrected, config.min_similarity)
         row, target = np.divmod(np.arange(n * n_targets), n_targets)
         yield AppearanceMatches(
             t_ns=np.full(n * n_targets, each.boxes.t_ns),
@@ -142,18 +142,18 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
         )
 
 
-def most_alike(likeness: Floats, least: float) -> Bools:
+def most_similar(similarities: Floats, least: float) -> Bools:
     """(n, R) mask of boxes and their most similar targets; of several boxes of a target, the most similar one.
 
     Args:
-        likeness: (n, R); NaN: not compared.
+        similarities: (n, R); NaN: not compared.
         least: minimum similarity of a pair.
     """
-    filled = np.where(np.isnan(likeness), -np.inf, likeness)
-    out = np.zeros(likeness.shape, dtype=np.bool_)
-    if not likeness.size:
+    filled = np.where(np.isnan(similarities), -np.inf, similarities)
+    out = np.zeros(similarities.shape, dtype=np.bool_)
+    if not similarities.size:
         return out
-    box = np.arange(len(likeness))
+    box = np.arange(len(similarities))
     best = filled.argmax(axis=1)
     value = filled[box, best]
     for target in np.unique(best[value >= least]).tolist():
@@ -170,7 +170,7 @@ class IdentityEvidence(NamedTuple):
 
     track: Ints32  # (K,) rising
     target: Ints32  # (R,) rising
-    likeness: Floats  # (K, R) sum of coefficients without their bias
+    similarities: Floats  # (K, R) sum of coefficients without their bias
     boxes: Ints  # (K, R)
 
 
@@ -192,14 +192,16 @@ class EvidenceTally:
     def evidence(self) -> IdentityEvidence:
         """Sums of the similarities of each track with each target so far, and the numbers of boxes."""
         track, target = (np.unique(np.array([k[i] for k in self._sums], dtype=np.int32)) for i in (0, 1))
-        likeness, boxes = np.zeros((len(track), len(target))), np.zeros((len(track), len(target)), dtype=np.int64)
+        similarities, boxes = np.zeros((len(track), len(target))), np.zeros((len(track), len(target)), dtype=np.int64)
         for (name, other), (total, n) in self._sums.items():
             index = np.searchsorted(track, name), np.searchsorted(target, other)
-            likeness[index], boxes[index] = total, n
-        return IdentityEvidence(track, target, likeness, boxes)
+            similarities[index], boxes[index] = total, n
+        return IdentityEvidence(track, target, similarities, boxes)
 
 
-def identities(evidence: IdentityEvidence, together: Bools, least_likeness: float, least_boxes: int) -> dict[int, int]:
+def identities(
+    evidence: IdentityEvidence, together: Bools, similarity_limit: float, least_boxes: int
+) -> dict[int, int]:
     """Target of each track with sufficient evidence; a target may have several successive tracks.
 
     Pairs of track and target are assigned greedily by mean similarity. A track has one target, and tracks that coexist
@@ -208,12 +210,12 @@ def identities(evidence: IdentityEvidence, together: Bools, least_likeness: floa
     Args:
         evidence: of K tracks and R targets.
         together: (K, K) pairs of tracks that are there at the same time.
-        least_likeness: mean over a track's boxes.
+        similarity_limit: mean over a track's boxes.
         least_boxes: fewest of them.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = evidence.likeness / evidence.boxes
-    mean = np.where((evidence.boxes >= least_boxes) & (mean >= least_likeness), mean, -np.inf)
+        mean = evidence.similarities / evidence.boxes
+    mean = np.where((evidence.boxes >= least_boxes) & (mean >= similarity_limit), mean, -np.inf)
     out: dict[int, int] = {}
     while mean.size and np.isfinite(mean.max()):
         track, target = np.unravel_index(int(mean.argmax()), mean.shape)

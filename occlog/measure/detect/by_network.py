@@ -28,7 +28,7 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Boxes, Views
 
-from .by_background.one_camera import check_size, plain_image, size_in_words, stretches
+from .by_background.one_camera import check_size, plain_image, segments, size_in_words
 from .config import BATCH, DetectConfig
 from .from_boxes import detect_boxes
 
@@ -254,4 +254,4 @@ def _losses(seen: list[DetectedFrame]) -> tuple[Loss, ...]:
     for each in seen:
         if each.lost:
             lost.setdefault(each.frame.sensor, []).append((each.frame.index, each.lost))
-    return tuple(loss for name, frames in sorted(lost.items()) for loss in stretches(name, frames))
+    return tuple(loss for name, frames in sorted(lost.items()) for loss in segments(name, frames))

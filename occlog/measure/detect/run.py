@@ -13,7 +13,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError, option
-from occlog.io.files.limits import FOREIGN_BAG, check_input
+from occlog.io.files.limits import ROS_BAG, check_input
 from occlog.io.files.texts.documents import parse_json
 from occlog.io.open import check_unit, load_scene, open_input
 from occlog.io.recording.reader import McapRecording, open_recording
@@ -197,7 +197,7 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
         only = _sensors_of(request, [s.name for s in scene.sensors])
         rows = _rows_of(recording.tables(Bearings), only)
         return Work(_simulated_bearings(rows, near, positions), {"input": "bearings", **used})
-    hint = "" if recording.ours else f"; {FOREIGN_BAG}"
+    hint = "" if recording.ours else f"; {ROS_BAG}"
     raise InputError(
         f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}",
         id="wrong-content",

@@ -12,7 +12,7 @@ from occlog.records.tables import Boxes
 
 from .by_background.one_camera import numbers_of
 
-MAX_STRETCHES = 10_000
+MAX_SEGMENTS = 10_000
 """Sections of a camera that are listed; numbers with more gaps count something else than frames."""
 
 
@@ -50,9 +50,9 @@ class SkippedFrames:
         """Add the frames of losses, which could not be used."""
         for loss in losses:
             if (numbers := numbers_of(loss)) is not None and loss.source in self._last:
-                stretches = self._lost.setdefault(loss.source, [])
-                if len(stretches) <= MAX_STRETCHES:
-                    stretches.append(numbers)
+                segments = self._lost.setdefault(loss.source, [])
+                if len(segments) <= MAX_SEGMENTS:
+                    segments.append(numbers)
 
     def _see(self, sensor: str, number: int) -> None:
         self.frames[sensor] += 1
@@ -64,9 +64,9 @@ class SkippedFrames:
         if number == last + 1:
             return
         gaps = self._gaps.setdefault(sensor, [])
-        if len(gaps) > MAX_STRETCHES:
+        if len(gaps) > MAX_SEGMENTS:
             self._gaps[sensor] = gaps = self._without_steps(sensor)
-        if len(gaps) <= MAX_STRETCHES:
+        if len(gaps) <= MAX_SEGMENTS:
             gaps.append((last + 1, number - 1))
 
     def _without_steps(self, sensor: str) -> list[tuple[int, int]]:
@@ -77,5 +77,5 @@ class SkippedFrames:
     def parameters(self) -> dict[str, object]:
         """Provenance entries; empty if no frame is skipped."""
         skipped = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
-        skipped = {name: each for name, each in skipped.items() if 0 < len(each) <= MAX_STRETCHES}
+        skipped = {name: each for name, each in skipped.items() if 0 < len(each) <= MAX_SEGMENTS}
         return {LEFT_OUT: skipped} if skipped else {}

@@ -132,8 +132,8 @@ class ChannelLags:
             same[i, j] = same[j, i] = found.max() > -found.min()
         groups = sorted(_connected(same), key=len)
         # Two groups with a sign each; of equal ones neither is known to be right
-        alike = all(same[np.ix_(group, group)].all() for group in groups)
-        return groups[0] if len(groups) == 2 and alike and len(groups[0]) < len(groups[1]) else []
+        similar = all(same[np.ix_(group, group)].all() for group in groups)
+        return groups[0] if len(groups) == 2 and similar and len(groups[0]) < len(groups[1]) else []
 
     def misfit(self, microphones: Floats, rate: float) -> Misfit | None:
         """Difference of delays from those of a plane wave, and the channels that explain it; see `late`.
@@ -381,13 +381,13 @@ class Channels:
     @cached_property
     def misfit(self) -> Misfit | None:
         """Delays that are not those of a plane wave, if nothing else is wrong with the samples."""
-        if self._microphones is None or self.silent() or self.alike() or self.late() or self.inverted():
+        if self._microphones is None or self.silent() or self.similar() or self.late() or self.inverted():
             return None
         return None if self.unrelated() else self._lags.misfit(self._microphones, self._rate)
 
     def slowness(self) -> float | None:
         """Share of the longest possible delays that those of plane waves have, if it is implausible."""
-        if self._microphones is None or self.silent() or self.alike():
+        if self._microphones is None or self.silent() or self.similar():
             return None
         self._lags.finish()
         return self._lags.slowness(self._microphones, self._rate)
@@ -428,7 +428,7 @@ class Channels:
         shares = self._full / max(self.count, 1)
         return {n + 1: float(shares[n]) for n in np.flatnonzero(shares > CLIPPED).tolist()}
 
-    def alike(self) -> list[int]:
+    def similar(self) -> list[int]:
         """Numbers of microphones with samples identical to another one's (silence excluded)."""
         own = [a if q > 0.0 else None for a, q in zip(self._sums, self._squares.tolist(), strict=True)]
         return [n + 1 for n, each in enumerate(own) if each is not None and own.count(each) > 1]
@@ -447,7 +447,7 @@ def checks(
     return (
         *outcome(SOUND, _silent(channels)),
         *outcome(SCALE, _clipped(channels)),
-        *outcome(APART, _alike(channels)),
+        *outcome(APART, _similar(channels)),
         *outcome(TOGETHER, _late(channels)),
         *outcome(RELATED, _unrelated(channels)),
         *outcome(SIGNS, _inverted(channels)),
@@ -491,9 +491,9 @@ def _clipped(channels: Mapping[str, Channels]) -> Iterator[Check]:
             )
 
 
-def _alike(channels: Mapping[str, Channels]) -> Iterator[Check]:
+def _similar(channels: Mapping[str, Channels]) -> Iterator[Check]:
     for name, own in channels.items():
-        if same := own.alike():
+        if same := own.similar():
             yield finding(APART, "microphones-identical", sensors=[name], microphones=_listed(same))
 
 

@@ -141,7 +141,7 @@ def agreeing(
     """
     if len(rows) > 1:
         mine = sight.take(rows)
-        position = _meeting(mine, motion, cameras, config)
+        position = _intersection(mine, motion, cameras, config)
         if position is not None:
             return rows[_across(mine, position) <= config.gate]
     if motion is not None and len(rows):
@@ -154,7 +154,7 @@ def agreeing(
     return best
 
 
-def _meeting(
+def _intersection(
     sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> PositionWithCovariance | None:
     """Position where most lines intersect (on ties the nearest to the prediction); None without an intersection.
@@ -363,7 +363,7 @@ def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: 
     by one.
     """
     left = rows
-    for position in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
+    for position in [*_intersections(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
         mine = _nearest(sight, left, position, config.gate)
         if len(mine):
             left = left[~np.isin(left, mine)]
@@ -371,7 +371,7 @@ def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: 
     yield from left[:, None]
 
 
-def _meetings(sight: LocalDirections, cameras: PlacedCameras, config: FuseConfig) -> list[PositionWithCovariance]:
+def _intersections(sight: LocalDirections, cameras: PlacedCameras, config: FuseConfig) -> list[PositionWithCovariance]:
     if len(np.unique(sight.sensor)) < 2:
         return []
     lines = SourceDirections(sight.sensor, sight.origin, sight.azimuth, sight.sigma)

@@ -205,9 +205,9 @@ def _gradients(rng: np.random.Generator) -> float:
 def _conversions(rng: np.random.Generator) -> dict[str, float]:
     """Convert positions by (2.22) to (2.24), one axis at a time, to the world of the first sensor."""
     own, sensor = rng.uniform(1.0, 10.0, (2, EXAMPLES))
-    alike, reversed_ = own - sensor, own + (sensor - own)
+    similar, reversed_ = own - sensor, own + (sensor - own)
     return {
-        "eq2.24-alike": float(np.abs(alike - (sensor + own)).max()),
+        "eq2.24-alike": float(np.abs(similar - (sensor + own)).max()),
         "eq2.24-reversed": float(np.abs(reversed_ - (sensor - own)).max()),
     }
 

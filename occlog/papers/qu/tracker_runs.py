@@ -48,7 +48,7 @@ class Runner(NamedTuple):
     seed: int
     use: int  # number of views, the first ones of the video
     exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change positions before that frame
-    astray: DivertedTracker | None = None
+    diverted: DivertedTracker | None = None
     timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
 
 
@@ -83,7 +83,7 @@ class TrackerOutput(NamedTuple):
 
 EVERY, REPEATS = 5, 3
 """The parts of the likelihood are timed in every fifth frame, three times each."""
-PLACED = ("particles", "estimate", "velocity", "path", "axes", "likeness", "weak")
+PLACED = ("particles", "estimate", "velocity", "path", "axes", "similarities", "weak")
 """Columns of the trackers' state that move when two trackers are exchanged."""
 
 
@@ -129,8 +129,8 @@ def follow(
                 continue
             if r.exchange is not None and r.exchange[3] == frame.frame:
                 states[label] = exchanged(states[label], *r.exchange[:3])
-            if r.astray is not None and r.astray.frame == frame.frame:
-                states[label] = led_astray(states[label], r.astray)
+            if r.diverted is not None and r.diverted.frame == frame.frame:
+                states[label] = diverted_state(states[label], r.diverted)
             if r.timed and isinstance(r.config, BmctConfig) and frame.frame % EVERY == 1:
                 rng = np.random.default_rng(frame.frame)
                 parts[label].append(likelihood_seconds(states[label], r.config, frame_set, rng, REPEATS))
@@ -159,16 +159,16 @@ def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualStat
     return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
 
 
-def led_astray(state: VisualState, astray: DivertedTracker) -> VisualState:
+def diverted_state(state: VisualState, diverted: DivertedTracker) -> VisualState:
     """Return the state with a tracker at rest in another position; InputError where there is no such tracker."""
     t = state.trackers
-    rows = np.flatnonzero((t.view == astray.view) & (t.target == astray.target))
+    rows = np.flatnonzero((t.view == diverted.view) & (t.target == diverted.target))
     if len(rows) != 1:
         raise InputError(
-            f"trial: view {astray.view} has no tracker of {astray.target} to lead astray", id="unknown-name"
+            f"trial: view {diverted.view} has no tracker of {diverted.target} to lead astray", id="unknown-name"
         )
     i, particles, estimate = rows[0], t.particles.copy(), t.estimate.copy()
-    particles[i, :, :2], estimate[i, :2] = (astray.x, astray.y), (astray.x, astray.y)
+    particles[i, :, :2], estimate[i, :2] = (diverted.x, diverted.y), (diverted.x, diverted.y)
     velocity, path = t.velocity.copy(), t.path.copy()
     velocity[i], path[i] = 0.0, 0.0
     return state._replace(trackers=t._replace(particles=particles, estimate=estimate, velocity=velocity, path=path))

@@ -104,7 +104,7 @@ KEYS = (
     "unseen",
     "watched",
 )
-OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed", "astray")
+OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed", "diverted")
 """Keys of each of `methods`."""
 KIND = "qu-views"
 WARM = {
@@ -244,7 +244,7 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
             is on it, default 1).  One method: `method` (a name of `CONFIGS`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
             the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
-            `use` (the first this many views only), `astray` (fields of `DivertedTracker`), `timed` (also `local_ms`,
+            `use` (the first this many views only), `diverted` (fields of `DivertedTracker`), `timed` (also `local_ms`,
             `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several: `methods`,
             these keys by label.  `parts`: also `off_0`, ... of `timeline`.  `scene`: one of `SCENES`.  `unseen`:
             targets that the first view does not see.  `watched`: view and targets by name; also `name_off`, ... of
@@ -322,7 +322,7 @@ def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
         use=use,
         exchange=exchange,
         timed=bool(own.get("timed")),
-        astray=DivertedTracker(**own["astray"]) if "astray" in own else None,
+        diverted=DivertedTracker(**own["diverted"]) if "diverted" in own else None,
     )
 
 

@@ -153,7 +153,7 @@ def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
     rng, every = _rng(seed, 0, TRAINING), round(fit_step_s / STEP_S)
     t_ns = times(TRAINING_STEPS)[::every]
     paths = [MeasuredPath(t_ns, reflected_path(TRAINING_STEPS, rng)[::every]) for _ in range(TRAINING_PATHS)]
-    shape, step_s = Shape("cv", "white", alike=True, noise=False), every * STEP_S
+    shape, step_s = Shape("cv", "white", similar=True, noise=False), every * STEP_S
     fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=TRAINING_NOISE)
     return fit.parameters["acceleration"], fit.parameters["jitter"]
 

@@ -145,7 +145,7 @@ def _identified(seed: int) -> tuple[float, float]:
     for _ in range(TRAINING):
         xy, _ = walk(rng)
         paths.append(MeasuredPath(_times(len(xy))[::FIT_EVERY], xy[::FIT_EVERY]))
-    step_s, shape = FIT_EVERY * STEP_S, Shape("cv", "white", alike=True, noise=False)
+    step_s, shape = FIT_EVERY * STEP_S, Shape("cv", "white", similar=True, noise=False)
     fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=1e-3)
     return fit.parameters["acceleration"], fit.parameters["jitter"]
 

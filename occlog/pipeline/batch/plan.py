@@ -57,12 +57,12 @@ def sources_of(patterns: Sequence[str], results: str = "") -> list[BatchRecordin
     """
     locations = _each_once(location for pattern in patterns for location in _places(pattern, results))
     shown = _shown(locations)
-    alike: dict[str, list[str]] = defaultdict(list)
+    similar: dict[str, list[str]] = defaultdict(list)
     for location in locations:
-        alike[key_of_name(_stem(location))].append(location)
-    taken = {stem for stem, group in alike.items() if len(group) == 1 and _fits(_stem(group[0]))}
+        similar[key_of_name(_stem(location))].append(location)
+    taken = {stem for stem, group in similar.items() if len(group) == 1 and _fits(_stem(group[0]))}
     found = []
-    for stem, group in alike.items():
+    for stem, group in similar.items():
         for location in sorted(group, key=shown.__getitem__):
             name = _stem(location) if stem in taken else _with_hash(_stem(location), shown[location], taken)
             found.append(BatchRecording(name, in_text(shown[location]), location, _fault(location)))

@@ -224,19 +224,19 @@ def run_batch(request: BatchRequest, *, strict: bool, quiet: bool, as_json: bool
         location = request.output if is_url(request.output) else str(folder)
         outcomes = _outcomes(request, config, sources, location, quiet)
         if is_url(location):
-            _fetch_gathered(location, folder / RUNS, outcomes, results)
-        gathered = gather(folder, folder / RUNS, outcomes, request.tables, config)
+            _fetch_collected(location, folder / RUNS, outcomes, results)
+        collected = gather(folder, folder / RUNS, outcomes, request.tables, config)
         times = [{"recording": o.name, "seconds": o.seconds, "cpu_seconds": o.cpu_seconds} for o in outcomes]
         write_bytes(folder / TIMINGS, to_csv(times), overwrite=True)
     _tell(outcomes, sources, quiet)
     for name in request.tables:
-        if name not in gathered.rows and not gathered.losses:
+        if name not in collected.rows and not collected.losses:
             console.note(f"warning: no run has made {name}, so that there is no table of all", quiet)
-    for loss in gathered.losses:
+    for loss in collected.losses:
         console.note(f"lost: {loss}")
-    console.echo_summary(_summary(public_url(location), outcomes, gathered.rows), as_json)
+    console.echo_summary(_summary(public_url(location), outcomes, collected.rows), as_json)
     plausible = all(each.plausible is not False for each in outcomes)
-    return console.strict_code(_code(outcomes, bool(gathered.losses)), plausible, strict)
+    return console.strict_code(_code(outcomes, bool(collected.losses)), plausible, strict)
 
 
 def _check_config(config: Config) -> None:
@@ -305,7 +305,7 @@ def _refused(source: BatchRecording) -> RecordingOutcome:
     )
 
 
-def _fetch_gathered(location: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
+def _fetch_collected(location: str, runs: Path, outcomes: Sequence[RecordingOutcome], results: Sequence[str]) -> None:
     """Download the files needed for the tables over all recordings.
 
     Args:

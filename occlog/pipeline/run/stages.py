@@ -183,13 +183,13 @@ def plan(config: Config, folder: Path) -> Iterator[RunStage]:
         yield _stage(config, "detect", detected, (str(recording),), given)
         yield from _in_images(config, folder, recording, out["views"], METHODS[method].takes_in)
         return
-    if _of_everybody(config) and _has_positions(config, recording):
+    if _of_all_targets(config) and _has_positions(config, recording):
         # Boxes and positions of the recording are tracked as they are
-        yield from _everybody(config, folder, recording, {**out, "views": recording}, scene)
+        yield from _all_people(config, folder, recording, {**out, "views": recording}, scene)
         return
     yield _stage(config, "detect", detected, (str(recording),), given)
-    if _of_everybody(config):
-        yield from _everybody(config, folder, recording, out, scene)
+    if _of_all_targets(config):
+        yield from _all_people(config, folder, recording, out, scene)
         return
     config, tracked = _with_particles(config, folder, {"output": out["tracks"], "diagnostics": out["diagnostics"]})
     inputs = dict(scene)
@@ -234,8 +234,8 @@ def _of_table(config: Config, folder: Path, out: dict[str, Path]) -> Iterator[Ru
     if not scene:
         if "truth_azimuths" in config.stage("evaluate"):
             yield _stage(config, "evaluate", {"output": folder / "metrics.json"}, (), {"doa": str(measured)})
-    elif _of_everybody(config):
-        yield from _everybody(config, folder, measured, {**out, "views": measured}, scene)
+    elif _of_all_targets(config):
+        yield from _all_people(config, folder, measured, {**out, "views": measured}, scene)
     else:
         yield from _without_views(config, folder, measured, out, scene)
 
@@ -331,7 +331,7 @@ def _overlay(
         raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key", id="not-applicable")
 
 
-def _of_everybody(config: Config) -> bool:
+def _of_all_targets(config: Config) -> bool:
     """Whether people are tracked from boxes, rather than targets from bearings."""
     method = str(config.stage("track").get("method"))
     if method not in METHODS or METHODS[method].takes_in != BOXES:
@@ -341,7 +341,7 @@ def _of_everybody(config: Config) -> bool:
     return True
 
 
-def _everybody(
+def _all_people(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> Iterator[RunStage]:
     """Generate the stages after detection if all people are tracked, in the world and in the images.

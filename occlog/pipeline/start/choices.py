@@ -946,9 +946,9 @@ def _need_deviations(made: Choices, item: Item) -> None:
     from occlog.records.declared.sensors import VALUES
 
     opened = open_if_ours(item.path)
-    if opened is None or opened.foreign is None or opened.table != "measurements":
+    if opened is None or opened.external_table is None or opened.table != "measurements":
         return
-    names = {spelled.column.name for spelled in opened.foreign.layout.columns}
+    names = {spelled.column.name for spelled in opened.external_table.layout.columns}
     for value in VALUES:
         if value in names and f"sigma_{value}" not in names and not made.has("track", f"sigma_{value}"):
             raise InputError(

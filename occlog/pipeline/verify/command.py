@@ -34,7 +34,7 @@ def command(archive: Path, inputs: Path | None, quiet: bool, as_json: bool) -> i
     found = verify_pack(archive, inputs, lambda stage: console.note(f"{stage} ...", quiet))
     summary = {
         "same_bytes": len(found.same),
-        "same_values": list(found.alike),
+        "same_values": list(found.similar),
         "different": found.different,
         "versions": {n: f"{then or 'none'}, now {now or 'none'}" for n, (then, now) in found.versions.items()},
         "result": found.in_words(),

@@ -30,25 +30,25 @@ class Verified(NamedTuple):
 
     Attributes:
         same: names of outputs with the same bytes.
-        alike: names of outputs with other bytes and the same values.
+        similar: names of outputs with other bytes and the same values.
         different: first difference of other outputs, by name.
         versions: versions, and the type of processor, that differ: when it was packed, and here; None: not there.
     """
 
     same: tuple[str, ...]
-    alike: tuple[str, ...]
+    similar: tuple[str, ...]
     different: dict[str, str]
     versions: dict[str, tuple[str | None, str | None]]
 
     @property
     def code(self) -> ExitCode:
         """Exit code: 0 if all is equal (with other versions, equal values suffice); else 5."""
-        explained = not self.alike or bool(self.versions)
+        explained = not self.similar or bool(self.versions)
         return ExitCode.DONE if explained and not self.different else ExitCode.DIFFERENT
 
     def in_words(self) -> str:
         """Return the conclusion as a sentence: what differs, why, and the remedy."""
-        if not self.alike and not self.different:
+        if not self.similar and not self.different:
             return "made again to the same bytes"
         if not self.versions:
             return "versions and processor are the same, so that they do not explain what differs"
@@ -144,7 +144,7 @@ def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[s
 
 def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
     declared = {file.path: file for file in manifest.outputs}
-    same, alike, different = [], [], {}
+    same, similar, different = [], [], {}
     for name in stage_order(declared):
         old, new = packed / name, made / name
         if not new.is_file():
@@ -156,13 +156,13 @@ def _compare(manifest: Manifest, packed: Path, made: Path) -> Verified:
             if parts:
                 different[name] = _first(parts[0])
             else:
-                alike.append(name)
+                similar.append(name)
     now, then = {"occlog": __version__, **installed_versions()}, {"occlog": manifest.version, **manifest.versions}
     if manifest.processor:
         now[PROCESSOR], then[PROCESSOR] = processor_type(), manifest.processor
     names = sorted({*now, *then})
     versions = {n: (then.get(n), now.get(n)) for n in names if then.get(n) != now.get(n)}
-    return Verified(tuple(same), tuple(alike), different, versions)
+    return Verified(tuple(same), tuple(similar), different, versions)
 
 
 def _first(part: DiffResult) -> str:

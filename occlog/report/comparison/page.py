@@ -43,12 +43,12 @@ def build_page(found: RunComparisonPage) -> str:
         found=found,
         heading=words.comparison_heading(found),
         sentences=words.sentences(found),
-        first=None if (first := found.partings.first) is None else words.seconds(found, first[1].t_ns),
+        first=None if (first := found.frame_divergences.first) is None else words.seconds(found, first[1].t_ns),
         sides=[(letter, side, *words.verdict_words(side)) for letter, side in found.sides],
         figures=words.figure_rows(found),
         basis=words.basis_sentence(found),
         own_figures=words.stored_metrics(found),
-        partings=words.parting_rows(found),
+        frame_divergences=words.divergence_rows(found),
         length=number,
         errors=errors,
         lives=lives,
@@ -125,8 +125,8 @@ def build_markdown(found: RunComparisonPage) -> str:
         cells = ((r.name, r.a, r.b, r.difference, r.interval, r.p, r.verdict) for r in rows)
         out += ["## Figures", "", *table_lines(head, cells, "lrrrrrl"), plain(words.basis_sentence(found)), ""]
     out += ["## Where they part", ""]
-    parted = ((r.what, _when(r.seconds), r.who, r.distance, r.often) for r in words.parting_rows(found))
-    out += table_lines(("What", "When", "Tracks", "Apart", "In all"), parted, "lrlrr")
+    diverged = ((r.what, _when(r.seconds), r.who, r.distance, r.often) for r in words.divergence_rows(found))
+    out += table_lines(("What", "When", "Tracks", "Apart", "In all"), diverged, "lrlrr")
     people, more = words.identity_rows(found)
     if people:
         out += ["## Matched tracks", ""]
@@ -154,12 +154,16 @@ def _when(seconds: float | None) -> str:
 
 def summary_of(found: RunComparisonPage, request: RunComparisonRequest) -> dict[str, object]:
     """Return the summary of the command: files written, whether the runs differ, divergences, identity changes."""
-    first, truth = found.partings.first, found.against_truth
+    first, truth = found.frame_divergences.first, found.against_truth
     out: dict[str, object] = {"page": request.output}
     out |= {} if request.markdown is None else {"markdown": request.markdown}
     out |= {letter.lower(): side.name for letter, side in found.sides}
-    out |= {"heading": words.comparison_heading(found), "same": found.same, "frames": found.partings.frames}
-    out |= {"frames_diverged": found.partings.parted, "tolerance": found.tolerance, "length_unit": found.unit}
+    out |= {"heading": words.comparison_heading(found), "same": found.same, "frames": found.frame_divergences.frames}
+    out |= {
+        "frames_diverged": found.frame_divergences.diverged,
+        "tolerance": found.tolerance,
+        "length_unit": found.unit,
+    }
     if first is not None:
         out["first_divergence"] = {"kind": first[0], **_step(found, first[1])}
     out["changes"] = {letter: len(each.changes) for letter, each in zip("ab", words.followed(found), strict=True)}

@@ -192,8 +192,8 @@ def beside_replay(found: RunComparisonPage, led_to: list[int]) -> RunComparisonR
         "a": parts[0][0],
         "b": parts[1][0],
         "partner": _partners(found, steps[0]),
-        "apart": packed("f8", _most(found.partings.distance, frames).round(6)),
-        "alone": packed("u4", _most(found.partings.alone, frames).astype(np.int64)),
+        "apart": packed("f8", _most(found.frame_divergences.distance, frames).round(6)),
+        "alone": packed("u4", _most(found.frame_divergences.alone, frames).astype(np.int64)),
         "changes": _changes(found, start),
     }
     layers = list(dict.fromkeys([*parts[0][1], *parts[1][1]]))
@@ -214,7 +214,7 @@ def _drawn(side: RunSide, times: Ints, truth: Truth | None) -> ReportInput:
     """
     table: Tracks = side.laid.table(side.tracks, times)
     return replace(
-        side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, gathered=None
+        side.data, tracks=table, truth=truth, bearings=None, errors=None, bound=None, events=None, collected=None
     )
 
 

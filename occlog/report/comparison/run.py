@@ -95,7 +95,7 @@ def open_run(name: str, paths: PageRequest) -> ReportRun:
     file = paths.tracks
     assert file is not None
     opened = open_input(file)
-    rows = describe(file)["rows"] if opened.recording is None and opened.foreign is None else 0
+    rows = describe(file)["rows"] if opened.recording is None and opened.external_table is None else 0
     data = read_input(replace(paths, title=name), whole=WHOLE) if rows <= MAX_ROWS else None
     tracks = None if data is None else data.tracks
     if data is None or tracks is None or len(tracks) > MAX_ROWS:
@@ -215,7 +215,7 @@ def align_runs(
         lasting_s=config.min_duration_s,
         times=times,
         pairs=pairs,
-        partings=divergences_of(*positions, pairs, times, tolerance, (in_b, in_a)),
+        frame_divergences=divergences_of(*positions, pairs, times, tolerance, (in_b, in_a)),
         in_b=in_b,
         in_a=in_a,
         against_truth=against,

@@ -80,7 +80,7 @@ class RunComparisonPage:
         lasting_s: changes of track that last less are not given.
         times: (T,) common frames [ns].
         pairs: of the runs.
-        partings: where they part.
+        frame_divergences: where they part.
         in_b, in_a: tracks of B matched to each one of A, and the other way round.
         against_truth: what the truth states; None: missing.
         same: every estimate is the same, to the last digit.
@@ -96,7 +96,7 @@ class RunComparisonPage:
     lasting_s: float
     times: Ints
     pairs: RunPairs
-    partings: Divergences
+    frame_divergences: Divergences
     in_b: MatchedRuns
     in_a: MatchedRuns
     against_truth: TruthComparison | None
@@ -245,7 +245,7 @@ def comparison_heading(found: RunComparisonPage) -> str:
         return "The two runs are the same"
     if found.against_truth is not None:
         return _of_verdicts(found.against_truth.comparison.rows)
-    first = found.partings.first
+    first = found.frame_divergences.first
     return "They do not part" if first is None else f"They part at {format_time(found, first[1].t_ns)}"
 
 
@@ -307,14 +307,14 @@ def _of_figures(found: RunComparisonPage) -> list[str]:
 
 def first_divergence(found: RunComparisonPage) -> str:
     """Sentence about the first divergence of the runs."""
-    first, measure = found.partings.first, f"{number(found.tolerance)} {found.unit}"
+    first, measure = found.frame_divergences.first, f"{number(found.tolerance)} {found.unit}"
     if first is None:
         return (
-            f"In {counted(found.partings.frames, 'common frame')} both have the same number of people at the same "
-            f"positions: no partners are farther than {measure} from each other."
+            f"In {counted(found.frame_divergences.frames, 'common frame')} both have the same number of people at the "
+            f"same positions: no partners are farther than {measure} from each other."
         )
     kind, step = first
-    share = f"{found.partings.parted} of {counted(found.partings.frames, 'frame')}"
+    share = f"{found.frame_divergences.diverged} of {counted(found.frame_divergences.frames, 'frame')}"
     return (
         f"They first diverge at {format_time(found, step.t_ns)}: {_divergence_text(found, kind, step)}. They differ in "
         f"{share}: one "
@@ -417,18 +417,18 @@ def _values(side: RunSide, unit: str) -> dict[tuple[str, str, str], str]:
     return {(group.title, f.name, f.unit): f.value for group in known for f in group.figures}
 
 
-def parting_rows(found: RunComparisonPage) -> list[DivergenceRow]:
+def divergence_rows(found: RunComparisonPage) -> list[DivergenceRow]:
     """Table rows of divergences: one per kind (first step, how often), the largest distance, the longest sections."""
     out = []
-    for kind in found.partings.kinds:
-        often = f"{kind.frames} of {counted(found.partings.frames, 'frame')}" if kind.frames else "never"
+    for kind in found.frame_divergences.kinds:
+        often = f"{kind.frames} of {counted(found.frame_divergences.frames, 'frame')}" if kind.frames else "never"
         often = counted(kind.rows, "change") if kind.rows and kind.name == OTHER else often
         out.append(_row(found, f"first: {KINDS[kind.name]}", kind.first, often))
-    if found.partings.farthest is not None:
-        out.append(_row(found, "farthest partners", found.partings.farthest, ""))
-    for stretch in found.partings.stretches:
-        length = f"{format_time(found, stretch.start_ns)} to {format_time(found, stretch.end_ns)}"
-        at_start = stretch.worst._replace(t_ns=stretch.start_ns)
+    if found.frame_divergences.farthest is not None:
+        out.append(_row(found, "farthest partners", found.frame_divergences.farthest, ""))
+    for segment in found.frame_divergences.segments:
+        length = f"{format_time(found, segment.start_ns)} to {format_time(found, segment.end_ns)}"
+        at_start = segment.worst._replace(t_ns=segment.start_ns)
         out.append(_row(found, f"divergence from {length}", at_start, ""))
     return out
 
@@ -497,7 +497,7 @@ def _change(found: RunComparisonPage, run: str, who: str, change: TrackChange, a
 
 def consequence_of_change(found: RunComparisonPage) -> list[int]:
     """Times [ns] of common frames to which the page links, kept in the replay."""
-    steps = [kind.first.t_ns for kind in found.partings.kinds if kind.first is not None]
-    steps += [found.partings.farthest.t_ns] if found.partings.farthest is not None else []
-    steps += [stretch.start_ns for stretch in found.partings.stretches]
+    steps = [kind.first.t_ns for kind in found.frame_divergences.kinds if kind.first is not None]
+    steps += [found.frame_divergences.farthest.t_ns] if found.frame_divergences.farthest is not None else []
+    steps += [segment.start_ns for segment in found.frame_divergences.segments]
     return steps + [c.t_ns for each in followed(found) for c in each.changes[:MAX_ROWS]]

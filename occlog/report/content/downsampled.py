@@ -182,18 +182,18 @@ def _firsts(target: Ints, known: Ints) -> Ints:
     return new
 
 
-def largest(values: Floats, target: Ints, stretch: Ints) -> Bools:
+def largest(values: Floats, target: Ints, segment: Ints) -> Bools:
     """Return the mask (N,) of the rows with the largest value of their target in their section.
 
     Args:
         values: (N,) values.
         target: (N,) targets.
-        stretch: (N,) numbers of the sections.
+        segment: (N,) numbers of the sections.
     """
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
-    order = np.lexsort((values, target, stretch))
-    change = (np.diff(target[order]) != 0) | (np.diff(stretch[order]) != 0)
+    order = np.lexsort((values, target, segment))
+    change = (np.diff(target[order]) != 0) | (np.diff(segment[order]) != 0)
     out = np.zeros(len(values), dtype=np.bool_)
     out[order[np.append(change, True)]] = True
     return out

@@ -108,7 +108,7 @@ class ReportInput:
         earlier: verdicts of the stages that made the inputs.
         in_images: whether tracks are in images, with positions in pixels, so that there is no floor plan.
         boxes_stated: whether tracks in images state in which frames there is a box of the target.
-        gathered: figures of all rows, of which the tables may be a part; None: the tables are whole.
+        collected: figures of all rows, of which the tables may be a part; None: the tables are whole.
     """
 
     title: str = "Tracking report"
@@ -129,7 +129,7 @@ class ReportInput:
     earlier: tuple[Verdict, ...] = ()
     in_images: bool = False
     boxes_stated: bool = True
-    gathered: ReportFigures | None = None
+    collected: ReportFigures | None = None
 
     def __post_init__(self) -> None:
         """InputError if there is neither a scene nor tracks to draw."""
@@ -141,8 +141,8 @@ class ReportInput:
     @cached_property
     def figures(self) -> ReportFigures:
         """Figures computed from all rows, those that are not drawn included."""
-        if self.gathered is not None:
-            return self.gathered
+        if self.collected is not None:
+            return self.collected
         tables = {name: table for name in TABLES if (table := getattr(self, name)) is not None}
         given = in_memory(tables)
         return gather(given, self.made, self.scene, self.metrics, whole=TABLES, in_images=self.in_images)[1]
@@ -173,14 +173,14 @@ class ReportInput:
         return self.made.smoothed
 
     @property
-    def everybody(self) -> PeopleTracks | None:
+    def people_tracks(self) -> PeopleTracks | None:
         """Tracks of all people with existence probabilities; None for other tracks."""
         return self.tracks if isinstance(self.tracks, PeopleTracks) and self.people is not None else None
 
     @property
     def labelled(self) -> Bearings | None:
         """Bearings with labels that are track identities; None for people's tracks."""
-        return self.bearings if self.everybody is None else None
+        return self.bearings if self.people_tracks is None else None
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -223,7 +223,7 @@ class ReportInput:
     @property
     def same_names(self) -> bool:
         """Whether tracks, truth and labelled bearings have the same identities."""
-        return self.everybody is None and not self.relabelled
+        return self.people_tracks is None and not self.relabelled
 
     def whose_bearings(self, target: int) -> str:
         """Phrase for the label of bearings, after a comma; empty if there is one label only."""
@@ -278,9 +278,9 @@ class ReportInput:
         return self.figures.people
 
     @property
-    def fared(self) -> FilterDiagnostics | None:
+    def filter_diagnostics(self) -> FilterDiagnostics | None:
         """Summary of the filter diagnostics; None without them."""
-        return self.figures.fared
+        return self.figures.filter_diagnostics
 
     @property
     def selections(self) -> Mapping[int, Selections]:

@@ -17,7 +17,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.tables.parquet import read_provenance
 from occlog.io.open import open_input
 from occlog.io.recording.reader import McapRecording
-from occlog.measure.detect.by_background.one_camera import stretches
+from occlog.measure.detect.by_background.one_camera import segments
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.epipolar.views import TrackedView
 from occlog.records.columns import ColumnTable
@@ -70,7 +70,7 @@ class LostFrames:
         sensors = sorted({sensor for sensor, _ in self._missed})
         lost = {name: sorted(index for sensor, index in self._missed if sensor == name) for name in sensors}
         return tuple(
-            loss for name, own in lost.items() for loss in stretches(name, [(n, self._why[name, n]) for n in own])
+            loss for name, own in lost.items() for loss in segments(name, [(n, self._why[name, n]) for n in own])
         )
 
 

@@ -250,7 +250,7 @@ def draw_filter(figure: FigureBase, data: ReportInput, diagnostics: Diagnostics)
     For a method without particles the position's standard deviation is drawn.
     """
     axes = figure.add_subplot()
-    if data.fared is None or not data.fared.particles:
+    if data.filter_diagnostics is None or not data.filter_diagnostics.particles:
         _deviation(axes, data)
         _finish(figure, axes, data)
         return
@@ -301,7 +301,7 @@ def _scale(axes: Axes, low: float, high: float) -> None:
 
 def _fallbacks(axes: Axes, data: ReportInput) -> None:
     """Draw marks of the filter's fallbacks at the lower edge, with their numbers in the legend."""
-    for kind, found in data.fared.fallbacks.items() if data.fared is not None else ():
+    for kind, found in data.filter_diagnostics.fallbacks.items() if data.filter_diagnostics is not None else ():
         colour, marker, text = FALLBACKS.get(kind, ("ink", "x", kind))
         axes.plot(
             data.time.of(found.t_ns),
@@ -382,7 +382,7 @@ def watched(data: ReportInput) -> tuple[int, ...]:
     None of all people, if bearings have rows of detections alone: each sensor has then seen all of them.
     """
     coverage = data.coverage
-    if coverage is None or (data.everybody is not None and coverage.seen == coverage.rows):
+    if coverage is None or (data.people_tracks is not None and coverage.seen == coverage.rows):
         return ()
     return coverage.watched
 

@@ -230,8 +230,8 @@ class ReplaySteps:
 
         `rows`: (n,) rows of the tracks.
         """
-        if self.data.everybody is not None:
-            people = self.data.everybody
+        if self.data.people_tracks is not None:
+            people = self.data.people_tracks
             known = np.isfinite(people.existence_probability[rows]) | self.data.in_images
             return people.seen_by[rows], known, people.quality_flags[rows]
         count, diagnostics = len(rows), self.data.diagnostics

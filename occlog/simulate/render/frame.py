@@ -221,9 +221,9 @@ def draw(
     if shadows:
         _shadows(c, rows[present], worn)
     extent, visible = _bodies(c, rows[present], worn)
-    stretches = rng.integers(0, len(c.noise) - 3 * c.image.shape[1], (len(c.image), 2), endpoint=True)
+    segments = rng.integers(0, len(c.noise) - 3 * c.image.shape[1], (len(c.image), 2), endpoint=True)
     image = np.empty(c.image.shape, dtype=np.uint8)
-    finish_into(image, c.image, c.noise, stretches, gain, *sigmas)
+    finish_into(image, c.image, c.noise, segments, gain, *sigmas)
     return RenderedFrame(image, present, extent, visible)
 
 

@@ -188,8 +188,8 @@ def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int
 
 
 def _noise(density: float, dt: float, rng: np.random.Generator) -> Floats:
-    gathered = acceleration_root(density, dt) @ rng.standard_normal((2, 3))
-    return gathered.ravel()
+    collected = acceleration_root(density, dt) @ rng.standard_normal((2, 3))
+    return collected.ravel()
 
 
 def truth_grid(truth: Truth | TimeGrid) -> TimeGrid:

@@ -25,7 +25,7 @@ from occlog.core.numerics.jit import kernel
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.jipda.interface import STATE_SIZE, VX, VY, BoxAssociations, Event, TrackSnapshot, X, Y
 
-ENCOUNTER_DISTANCE_WIDTHS, PARTING_DISTANCE_WIDTHS = 1.5, 2.2
+ENCOUNTER_DISTANCE_WIDTHS, SEPARATION_DISTANCE_WIDTHS = 1.5, 2.2
 """Two people met who come nearer than the first, and have parted beyond the second; in mean widths of a person."""
 RESOLUTION_WIDTHS = 0.55
 """Minimum distance, in widths, at which the boxes of two people are distinguished."""
@@ -81,7 +81,7 @@ class CloseEncounters:
         Return two `possible_switch` events for each pair that separates with a considerable switch probability.
         """
         n = len(snapshot.ids)
-        near = _pairs(snapshot.mean[:, [X, Y]], PARTING_DISTANCE_WIDTHS * self._width)
+        near = _pairs(snapshot.mean[:, [X, Y]], SEPARATION_DISTANCE_WIDTHS * self._width)
         now = {(int(snapshot.ids[i]), int(snapshot.ids[j])): (i, j) for i, j in near}
         at = {int(k): i for i, k in enumerate(snapshot.ids)}
         events: list[Event] = []

@@ -145,7 +145,7 @@ class CameraTracks:
                 row += len(kept)
         times = (np.array(self.t_ns, dtype=np.int64) - (self.t_ns[0] if self.t_ns else 0)) / NS
         width, height = self.filter.size
-        found, doubts = linked(tracks, times, self.config, self.filter.learned.likeness, width * height)
+        found, doubts = linked(tracks, times, self.config, self.filter.learned.similarities, width * height)
         return [(each, smoothed_track(each, times, self.config)) for each in found], doubts
 
 

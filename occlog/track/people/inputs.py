@@ -277,12 +277,12 @@ class PeopleInput:
     def _camera_frames(self) -> Iterator[FrameDetectionsWithIds]:
         """Generate the frames of all cameras, with frames that have no detection inserted."""
         known = [c.name for c in self.scene.cameras]
-        boxes, foreign = self.opened.has(Boxes), self.opened.foreign
+        boxes, external_table = self.opened.has(Boxes), self.opened.external_table
         views = () if boxes else self.opened.rows(Views)
         chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(views, self.COLOURS_OF_BOXES)
         found = self._in_world_time(frame_detections(chunks, self.cameras, known, self.tally))
         # Our boxes have a row for each frame without any; others tell of such frames by leaving numbers out
-        if boxes and (foreign is None or not foreign.fits(RegionFrameTimes)):
+        if boxes and (external_table is None or not external_table.fits(RegionFrameTimes)):
             return found
         index_of = {camera.name: c for c, camera in enumerate(self.cameras)}
         return in_order(found, self._in_world_time(self._empty(index_of)))

@@ -100,7 +100,11 @@ class FragmentNames(NamedTuple):
 
 
 def reidentify_fragments(
-    pieces: TrackFragments, evidence: IdentityEvidence, gallery: Sequence[int], least_likeness: float, least_boxes: int
+    pieces: TrackFragments,
+    evidence: IdentityEvidence,
+    gallery: Sequence[int],
+    similarity_limit: float,
+    least_boxes: int,
 ) -> FragmentNames:
     """Assign an identity to every fragment.
 
@@ -112,15 +116,15 @@ def reidentify_fragments(
         pieces: fragments of all tracks.
         evidence: similarities, by piece and person of the gallery.
         gallery: identities of the people of the gallery.
-        least_likeness: least mean similarity of a piece's boxes to a person.
+        similarity_limit: least mean similarity of a piece's boxes to a person.
         least_boxes: least number of a piece's boxes that were compared.
     """
     overlap = (pieces.first_ns[:, None] <= pieces.last_ns) & (pieces.first_ns <= pieces.last_ns[:, None])
-    identified = identities(evidence, overlap[np.ix_(evidence.track, evidence.track)], least_likeness, least_boxes)
+    identified = identities(evidence, overlap[np.ix_(evidence.track, evidence.track)], similarity_limit, least_boxes)
     probability = np.full(len(pieces.track), np.nan)
     for row, piece in enumerate(evidence.track.tolist()):
         if piece in identified:
-            probable = name_probability(evidence, row, identified[piece], least_likeness, least_boxes)
+            probable = name_probability(evidence, row, identified[piece], similarity_limit, least_boxes)
             if probable < MIN_NAME_PROBABILITY:
                 del identified[piece]
             else:
@@ -159,7 +163,7 @@ def _offers(pieces: TrackFragments, piece: int, names: Mapping[int, int]) -> lis
 
 
 def name_probability(
-    evidence: IdentityEvidence, row: int, target: int, least_likeness: float, least_boxes: int
+    evidence: IdentityEvidence, row: int, target: int, similarity_limit: float, least_boxes: int
 ) -> float:
     """Probability that a track is a given person of the gallery.
 
@@ -170,15 +174,15 @@ def name_probability(
         evidence: similarities of tracks to the people of the gallery.
         row: index of the track.
         target: identity of the person.
-        least_likeness: least similarity accepted for a box.
+        similarity_limit: least similarity accepted for a box.
         least_boxes: a person compared with fewer of them is no rival.
     """
     boxes = evidence.boxes[row]
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = evidence.likeness[row] / boxes
+        mean = evidence.similarities[row] / boxes
     own = int(np.searchsorted(evidence.target, target))
     rivals = mean[(boxes >= least_boxes) & (np.arange(len(mean)) != own)]
-    margin = float(mean[own] - max(rivals.max(initial=-np.inf), least_likeness))
+    margin = float(mean[own] - max(rivals.max(initial=-np.inf), similarity_limit))
     score = CONSTANT + BY_MARGIN * margin
     return float(1.0 / (1.0 + np.exp(-score)))
 

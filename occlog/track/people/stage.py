@@ -88,7 +88,7 @@ def track_people(
     """
     held: list[SnapshotWithDetections] = []
     rows = 0
-    meetings = CloseEncounters(config)
+    encounters = CloseEncounters(config)
     time_steps = iter(time_steps)
     first = next(time_steps, None)
     origin = _origin(cameras, first)
@@ -98,7 +98,7 @@ def track_people(
     coming = (_shifted(frames, origin) for frames in chain([] if first is None else [first], time_steps))
     steps = _steps(coming, near, state, follower, heard, at_end)
     for report in _reported(steps, follower, config, seed):
-        doubts = meetings.add(report.snapshot)
+        doubts = encounters.add(report.snapshot)
         snapshot = report.snapshot._replace(events=(*report.snapshot.events, *doubts))
         each = report._replace(snapshot=snapshot._replace(mean=snapshot.mean + np.append(origin, np.zeros(4))))
         held.append(each)

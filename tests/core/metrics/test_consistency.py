@@ -27,7 +27,7 @@ def batches(squares: Floats, parts: int = 1) -> BatchMeans:
     return out
 
 
-def alike(rng: np.random.Generator, n: int, rho: float) -> Floats:
+def similar(rng: np.random.Generator, n: int, rho: float) -> Floats:
     """Squares of an autoregressive series of variance 1."""
     noise = rng.standard_normal(n)
     noise[1:] *= math.sqrt(1.0 - rho**2)
@@ -63,7 +63,7 @@ def test_independent_squares_have_as_many_degrees_as_there_are() -> None:
 
 @pytest.mark.parametrize("parts", [2, 7, 100])
 def test_how_rows_come_does_not_matter(parts: int) -> None:
-    squares = alike(np.random.default_rng(1), 1000, 0.8)
+    squares = similar(np.random.default_rng(1), 1000, 0.8)
     one, many = batches(squares).ratio, batches(squares, parts).ratio
     assert many.value == pytest.approx(one.value)
     assert many.error == pytest.approx(one.error)
@@ -74,7 +74,7 @@ def test_limits_hold_where_neighbours_are_alike(n: int, rho: float) -> None:
     rng, runs = np.random.default_rng(2), 300
     outside = 0
     for _ in range(runs):
-        low, high = batches(alike(rng, n, rho), 5).ratio.interval(0.01)
+        low, high = batches(similar(rng, n, rho), 5).ratio.interval(0.01)
         outside += not low <= 1.0 <= high
     # 1 % is right; batches of a series that is short against its memory are optimistic by a factor of three
     assert outside <= 0.045 * runs

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from occlog.array_types import Floats
-from occlog.core.metrics.paired import MANY_RECORDINGS, MAX_STRETCHES, MIN_STRETCHES, autocorrelation_time, compare
+from occlog.core.metrics.paired import MANY_RECORDINGS, MAX_SEGMENTS, MIN_SEGMENTS, autocorrelation_time, compare
 
 
 def mean(sums: Floats) -> Floats:
@@ -49,7 +49,7 @@ def test_recordings_of_normal_differences_give_the_interval_of_student() -> None
     b = [x + np.array([d, 0]) for x, d in zip(a, shift, strict=True)]
     found = compare(a, b, mean, np.random.default_rng(0))
     assert found.recordings
-    assert found.stretches == size
+    assert found.segments == size
     assert found.difference == pytest.approx(shift.mean())
     assert found.se == pytest.approx(shift.std(ddof=1) / np.sqrt(size), rel=1e-5)
     half = stats.t.ppf(0.975, size - 1) * found.se
@@ -115,7 +115,7 @@ def test_nothing_is_concluded_from_too_little() -> None:
     rng = np.random.default_rng(2)
     a, b = (counted(ar1(rng, 200, 0.99)) for _ in range(2))
     found = compare([a], [b], mean, rng)
-    assert found.stretches < MIN_STRETCHES
+    assert found.segments < MIN_SEGMENTS
     assert np.isnan([found.p, found.low, found.high, found.se]).all()
     assert found.difference == pytest.approx(b[:, 0].mean() - a[:, 0].mean())
     few = [counted(rng.normal(size=3)) for _ in range(MANY_RECORDINGS)]
@@ -128,7 +128,7 @@ def test_runs_that_are_the_same_do_not_differ() -> None:
     found = compare([a], [a], mean, np.random.default_rng(1))
     assert (found.difference, found.se, found.p, found.below(0.0), found.above(0.0)) == (0.0, 0.0, 1.0, 1.0, 1.0)
     assert (found.below(0.1), found.above(-0.1)) == (0.0, 0.0)
-    assert found.stretches == MAX_STRETCHES
+    assert found.segments == MAX_SEGMENTS
     lasting = compare([a], [a + np.array([1.0, 0.0])], mean, np.random.default_rng(1), lasting=True)
     assert lasting.difference == pytest.approx(1.0)
     assert np.isnan(lasting.p)

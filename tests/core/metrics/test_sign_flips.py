@@ -60,9 +60,9 @@ def test_equal_differences_are_ties_in_spite_of_rounding() -> None:
     assert chance_above(found, 0.0) == chance_below(found, 0.0) > 0.5
     nothing = means(np.zeros(8))
     assert chance_above(nothing, 0.0) == chance_below(nothing, 0.0) == 1.0
-    alike = means(np.full(8, 0.1))
-    assert chance_above(alike, 0.0) == 1 / 256
-    assert chance_above(alike, 0.1) == chance_below(alike, 0.1) == 1.0
+    similar = means(np.full(8, 0.1))
+    assert chance_above(similar, 0.0) == 1 / 256
+    assert chance_above(similar, 0.1) == chance_below(similar, 0.1) == 1.0
 
 
 @pytest.mark.parametrize("count", [6, 10, ALL, ALL + 1, 40])

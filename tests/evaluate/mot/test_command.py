@@ -151,10 +151,10 @@ def test_files_of_other_programs_give_the_same_figures(folder: Path, capsys: pyt
     own = figures([*EVALUATE, "--camera", "east"], capsys)
     text, true = "mot/trackers/MOT17-train/view_tracks/data/east.txt", "mot/gt/MOT17-train/east/gt/gt.txt"
     one = ["--camera", "east", "--assigned-target", "id"]
-    alike = {**own, "objects_ignored": 0.0, "tracks_on_distractors": 0.0}  # every true box is a pedestrian
-    assert figures(["evaluate", text, "--truth", true, "--assigned-target", "id"], capsys) == alike
+    similar = {**own, "objects_ignored": 0.0, "tracks_on_distractors": 0.0}  # every true box is a pedestrian
+    assert figures(["evaluate", text, "--truth", true, "--assigned-target", "id"], capsys) == similar
     assert figures(["evaluate", text, "--truth", "recording.mcap", *one], capsys) == own
-    assert figures(["evaluate", "view_tracks.parquet", "--truth", true, *one], capsys) == alike
+    assert figures(["evaluate", "view_tracks.parquet", "--truth", true, *one], capsys) == similar
     tracks = read_table(folder / "truth.parquet", TruthBoxes)
     write_table(folder / "boxes.parquet", Boxes.of(**{c.name: getattr(tracks, c.name) for c in Boxes.columns()}), MADE)
     got = figures(["evaluate", "boxes.parquet", "--truth", "truth.parquet"], capsys)
@@ -296,8 +296,8 @@ def test_world_tracks_born_from_detections(folder: Path, capsys: pytest.CaptureF
     turned = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
     turned["target_id"] = (turned["target_id"] + 1) % 3
     order = np.lexsort((turned["target_id"], turned["t_ns"]))
-    born = Tracks.of(**{name: column[order] for name, column in turned.items()})
-    write_table(folder / "w.parquet", born, Provenance("track", {"births": "detections"}))
+    initiated = Tracks.of(**{name: column[order] for name, column in turned.items()})
+    write_table(folder / "w.parquet", initiated, Provenance("track", {"births": "detections"}))
     asked = ["evaluate", "w.parquet", "--truth", "w.mcap"]
     assert figures(asked, capsys)["label_failures"] == 10  # two of three swap in half of ten frames
     assert run(asked) == ExitCode.DONE

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.core.geometry.camera import meeting_point
+from occlog.core.geometry.camera import intersection_point
 from occlog.errors import InputError, UsageError
 from occlog.ingest.rig import describe
 from occlog.io.formats.calibration.common import CalibrationOptions
@@ -54,7 +54,7 @@ def test_qualisys_cameras_stand_around_the_treadmill_and_look_at_it(shared_data:
     assert all(c.image_size == (1088, 1920) for c in cameras)
     assert cameras[0].position == pytest.approx([1.4602323709, -1.9091590482, 1.8965058524])
     centres, axes = np.array([c.position for c in cameras]), np.array([c.rotation[:, 2] for c in cameras])
-    point, along = meeting_point(centres, axes)
+    point, along = intersection_point(centres, axes)
     distance = np.linalg.norm(point - centres - along[:, None] * axes, axis=1)
     # The transposed matrix would send the axes past each other by metres.
     assert distance.max() < 0.15
@@ -117,7 +117,9 @@ def test_tsai_all_eight_views_are_read_and_look_down_at_the_place(shared_data: P
     cameras = read_calibration([shared_data / "pets2009_s2l1_view1/calibration"]).cameras
     assert [c.name for c in cameras] == [f"View_00{n}" for n in range(1, 9)]
     assert all(c.position[2] > 1.5 and c.rotation[2, 2] < 0 for c in cameras)
-    point, along = meeting_point(np.array([c.position for c in cameras]), np.array([c.rotation[:, 2] for c in cameras]))
+    point, along = intersection_point(
+        np.array([c.position for c in cameras]), np.array([c.rotation[:, 2] for c in cameras])
+    )
     assert (along > 0).all()
     assert np.abs(point[:2]).max() < 12
     assert abs(point[2]) < 0.5

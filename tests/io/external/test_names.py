@@ -21,7 +21,7 @@ def test_a_table_has_its_own_names(table: type[ColumnTable]) -> None:
     layout = lay_out(names, table)
     assert [s.name for s in layout.columns] == names
     assert not layout.missing
-    assert layout.likeness == (len(names), len(names))
+    assert layout.similarities == (len(names), len(names))
     assert misspelled(layout, names) is None
 
 

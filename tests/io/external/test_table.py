@@ -97,7 +97,7 @@ def test_any_bearings_come_back(tmp_path_factory: pytest.TempPathFactory, seed: 
 def test_our_own_tables_are_not_of_others(tmp_path: Path) -> None:
     write_table(tmp_path / "b.parquet", bearings(5), Provenance("test"))
     assert not is_external(tmp_path / "b.parquet")
-    assert open_input(tmp_path / "b.parquet").foreign is None
+    assert open_input(tmp_path / "b.parquet").external_table is None
 
 
 def test_degrees_seconds_and_gaps(tmp_path: Path) -> None:

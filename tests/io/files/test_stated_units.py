@@ -49,7 +49,7 @@ def test_lengths_and_stations_are_converted(tmp_path: Path) -> None:
     stations.write_text("name,x,y\na,0,250\n")
     with stated_units(["cm"]):
         opened = open_input(truth, Truth)
-        opened.foreign.convert_to("m")  # type: ignore[union-attr]
+        opened.external_table.convert_to("m")  # type: ignore[union-attr]
         assert opened.read(Truth).x.tolist() == [1.5]
         scene = scene_in(stations)
     assert scene is not None

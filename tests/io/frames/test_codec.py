@@ -101,8 +101,8 @@ def test_exif_data_that_end_early_or_lead_nowhere_turn_nothing() -> None:
     for stop in range(len(whole) - 8):
         cut = whole[:stop] + jpeg()[2:]
         assert shown_size(cut) == image_size(cut)
-    astray = whole.replace(b"\x08\0\0\0", b"\xff\xff\xff\xff") + jpeg()[2:]
-    assert shown_size(astray) == image_size(astray)
+    loss_count = whole.replace(b"\x08\0\0\0", b"\xff\xff\xff\xff") + jpeg()[2:]
+    assert shown_size(loss_count) == image_size(loss_count)
 
 
 @pytest.mark.parametrize("kind", [".png", ".tiff", ".pgm"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.frames.decode import MAX_STRETCHES, FrameLedger
+from occlog.io.frames.decode import MAX_SEGMENTS, FrameLedger
 from occlog.io.video.container import Container
 from occlog.records.losses import Loss
 
@@ -33,14 +33,14 @@ def delivered(frames: list[int], total: int, start: int = 0, stop: int | None = 
     return ledger
 
 
-@pytest.mark.parametrize(("holes", "lines"), [(MAX_STRETCHES, MAX_STRETCHES), (MAX_STRETCHES + 1, MAX_STRETCHES + 1)])
+@pytest.mark.parametrize(("holes", "lines"), [(MAX_SEGMENTS, MAX_SEGMENTS), (MAX_SEGMENTS + 1, MAX_SEGMENTS + 1)])
 def test_so_many_lost_stretches_are_listed_and_the_rest_is_added_up(holes: int, lines: int) -> None:
     total = 3 * (holes + 1)
     found = losses(delivered([k for k in range(total) if k % 3 != 1 or k // 3 >= holes], total))
     assert len(found) == lines
     assert found[0] == Loss("v.avi", "frame 1", "could not be decoded", 1)
     assert sum(loss.count for loss in found) == holes
-    assert found[-1].place.startswith("1 more sections in frames") == (holes > MAX_STRETCHES)
+    assert found[-1].place.startswith("1 more sections in frames") == (holes > MAX_SEGMENTS)
 
 
 @pytest.mark.parametrize(("met", "reported"), [(979, False), (978, True)])

@@ -36,7 +36,7 @@ PAIRS = ViewPairs(
 )
 
 
-def alike(found, wanted):
+def similar(found, wanted):
     for x, y in zip(found.pairs, wanted.pairs, strict=True):
         assert np.allclose(x.matrix, y.matrix, rtol=1e-14, atol=0)
         for name in x._fields:
@@ -47,7 +47,7 @@ def alike(found, wanted):
 
 def test_what_is_written_is_read(tmp_path):
     write_epipolar(tmp_path / "e.json", PAIRS, MADE)
-    assert alike(read_epipolar(tmp_path / "e.json"), PAIRS)
+    assert similar(read_epipolar(tmp_path / "e.json"), PAIRS)
 
 
 def test_pairs_are_found_in_either_order():
@@ -62,7 +62,7 @@ def test_a_recording_holds_them(tmp_path):
         with RecordingWriter(tmp_path / f"{name}.mcap", None, MADE) as writer:
             if held:
                 writer.attach("epipolar.json", "application/json", epipolar_bytes(PAIRS, MADE))
-    assert alike(read_epipolar(tmp_path / "with.mcap"), PAIRS)
+    assert similar(read_epipolar(tmp_path / "with.mcap"), PAIRS)
     assert attached_epipolar(open_recording(tmp_path / "without.mcap")) is None
     with pytest.raises(InputError, match="holds no epipolar geometry"):
         read_epipolar(tmp_path / "without.mcap")

@@ -12,7 +12,7 @@ from occlog.io.recording.reader import open_recording
 MADE = Provenance("epipolar", {})
 
 
-def foreign(path, indexes):
+def external_table(path, indexes):
     """A recording of another program: its own schema, metadata, sequence numbers, messages out of order."""
     with path.open("wb") as file:
         writer = Writer(file, index_types=indexes, chunk_size=200)
@@ -51,7 +51,7 @@ def content(path):
 
 @pytest.mark.parametrize("indexes", [IndexType.ALL, IndexType.NONE])
 def test_everything_of_another_program_is_kept(tmp_path, indexes):
-    foreign(tmp_path / "a.mcap", indexes)
+    external_table(tmp_path / "a.mcap", indexes)
     source = open_recording(tmp_path / "a.mcap")
     assert copy_recording(source, tmp_path / "b.mcap", {"epipolar.json": b"{}"}, MADE) == 50
     old, new = content(tmp_path / "a.mcap"), content(tmp_path / "b.mcap")
@@ -65,7 +65,7 @@ def test_everything_of_another_program_is_kept(tmp_path, indexes):
 
 
 def test_a_damaged_recording_leaves_nothing(tmp_path):
-    foreign(tmp_path / "a.mcap", IndexType.ALL)
+    external_table(tmp_path / "a.mcap", IndexType.ALL)
     source = open_recording(tmp_path / "a.mcap")
     raw = bytearray((tmp_path / "a.mcap").read_bytes())
     middle = len(raw) // 3
@@ -77,7 +77,7 @@ def test_a_damaged_recording_leaves_nothing(tmp_path):
 
 
 def test_nothing_is_overwritten_unasked(tmp_path):
-    foreign(tmp_path / "a.mcap", IndexType.ALL)
+    external_table(tmp_path / "a.mcap", IndexType.ALL)
     source = open_recording(tmp_path / "a.mcap")
     (tmp_path / "b.mcap").write_text("mine")
     with pytest.raises(OutputExistsError):

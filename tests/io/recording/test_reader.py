@@ -163,7 +163,9 @@ def test_flipped_bits_never_pass_as_data(path: Path) -> None:
     assert refused > 150
 
 
-def foreign(path: Path, messages: list[tuple[str, int, bytes]], schema: str = "foxglove.CompressedImage") -> None:
+def external_table(
+    path: Path, messages: list[tuple[str, int, bytes]], schema: str = "foxglove.CompressedImage"
+) -> None:
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start()
@@ -183,7 +185,7 @@ def json_image(n: int, t_ns: int) -> bytes:
 
 def test_recordings_of_others_have_sensor_time_and_names_from_topics(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
-    foreign(path, [("/hall/left", T0 + 500 + i, json_image(i, T0 + i * 1000)) for i in range(3)])
+    external_table(path, [("/hall/left", T0 + 500 + i, json_image(i, T0 + i * 1000)) for i in range(3)])
     recording = open_recording(path)
     assert recording.scene is None
     assert not recording.ours
@@ -212,14 +214,14 @@ def test_an_index_that_leads_to_fewer_frames_than_it_counts_is_refused(tmp_path:
 
 def test_time_stamps_that_repeat_are_named(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
-    foreign(path, [("/camera/a/image", T0 + i, json_image(i, T0 + i // 2 * 1000)) for i in range(4)])
+    external_table(path, [("/camera/a/image", T0 + i, json_image(i, T0 + i // 2 * 1000)) for i in range(4)])
     with pytest.raises(InputError, match=r"camera a: frame 1: time \S+Z does not come after"):
         list(open_recording(path).frames())
 
 
 def test_messages_that_do_not_fit_are_named(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
-    foreign(path, [("/truth", T0, b'{"t_ns": 1, "x": [1.0]}')], "occlog.Truth")
+    external_table(path, [("/truth", T0, b'{"t_ns": 1, "x": [1.0]}')], "occlog.Truth")
     with pytest.raises(InputError, match=r"topic /truth: not a message of occlog.Truth"):
         open_recording(path).read(Truth)
 
@@ -227,7 +229,7 @@ def test_messages_that_do_not_fit_are_named(tmp_path: Path) -> None:
 def test_messages_of_older_recordings_lack_optional_columns(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
     columns = b'"target_id": [3], "seen": [true], "bearing": [0.5], "sigma": [0.1], "u_px": [1.0], "sigma_px": [2.0]'
-    foreign(
+    external_table(
         path, [("/a/bearings", T0, b'{"t_ns": 1, "sensor": "a", %s, "score": [null]}' % columns)], "occlog.Bearings"
     )
     found = open_recording(path).read(Bearings)

@@ -15,7 +15,7 @@ from occlog.measure.appearance.stage import (
     identities,
     learn,
     match,
-    most_alike,
+    most_similar,
     renamed,
     sides_of,
 )
@@ -128,9 +128,9 @@ def test_one_angle_needs_no_heading():
 
 def test_of_two_boxes_the_one_that_is_more_alike_is_the_target():
     like = np.array([[0.9, 0.85], [0.95, 0.1], [np.nan, 0.79]])
-    assert most_alike(like, 0.8).tolist() == [[False, False], [True, False], [False, False]]
-    assert most_alike(like, 0.79).tolist() == [[False, False], [True, False], [False, True]]
-    assert most_alike(np.zeros((0, 2)), 0.5).shape == (0, 2)
+    assert most_similar(like, 0.8).tolist() == [[False, False], [True, False], [False, False]]
+    assert most_similar(like, 0.79).tolist() == [[False, False], [True, False], [False, True]]
+    assert most_similar(np.zeros((0, 2)), 0.5).shape == (0, 2)
 
 
 def test_a_gallery_of_no_levels_or_without_rows_is_refused():
@@ -195,7 +195,7 @@ def test_evidence_is_of_what_was_compared():
     found = tally.evidence()
     assert found.track.tolist() == [8, 9]
     assert found.boxes.tolist() == [[2, 2], [1, 0]]
-    assert not EvidenceTally().evidence().likeness.size
+    assert not EvidenceTally().evidence().similarities.size
 
 
 def test_other_tracks_get_numbers_above_the_gallery():

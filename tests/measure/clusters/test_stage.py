@@ -173,9 +173,9 @@ def test_merging_and_splitting_raise_the_worth_of_all_clusters() -> None:
     for k in (0, 1):
         for cell in cells[labels == k]:
             groups[k] = union(cell, groups[k])
-    parted = split(cells, labels, groups, prior)
-    assert len(parted) == 3
-    assert sum(group_worth(g, prior) for g in parted) > sum(group_worth(g, prior) for g in groups)
+    diverged = split(cells, labels, groups, prior)
+    assert len(diverged) == 3
+    assert sum(group_worth(g, prior) for g in diverged) > sum(group_worth(g, prior) for g in groups)
     # Thin slices of one body belong together.
     slices = np.array([[100, 50 + 2.0 * i, 60, 33, 0, 14000] for i in range(4)])
     covs = np.tile([20.0, 0.0, 150.0], (4, 1))

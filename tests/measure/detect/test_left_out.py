@@ -12,11 +12,11 @@ from occlog.records.losses import Loss
 
 def report_of(numbers: list[int], *losses: Loss) -> dict[str, list[tuple[int, int]]]:
     """What is stated of a camera whose frames have these numbers."""
-    gathered = SkippedFrames()
-    for _ in gathered.watch(Frame(10 * n, "a", n, lambda: None) for n in numbers):  # type: ignore[arg-type, return-value]
+    collected = SkippedFrames()
+    for _ in collected.watch(Frame(10 * n, "a", n, lambda: None) for n in numbers):  # type: ignore[arg-type, return-value]
         pass
-    gathered.lost(losses)
-    return gaps_of(gathered.parameters())
+    collected.lost(losses)
+    return gaps_of(collected.parameters())
 
 
 @pytest.mark.parametrize(

@@ -171,10 +171,10 @@ def test_embeddings_tell_people_apart_and_jipda_takes_them(folder: Path, tmp_pat
     views = read_table(tmp_path / "v.parquet", Views)
     assert views.embedding.shape == (len(views), 12)
     assert_allclose(np.linalg.norm(views.embedding, axis=1), 1.0, rtol=1e-6)
-    alike = views.embedding @ views.embedding.T
+    similar = views.embedding @ views.embedding.T
     red = views.embedding[:, 0] > 0  # the boxes' middle is red
-    assert alike[np.ix_(red, red)].min() > 0.7
-    assert alike[np.ix_(red, ~red)].max() < 0.2
+    assert similar[np.ix_(red, red)].min() > 0.7
+    assert similar[np.ix_(red, ~red)].max() < 0.2
     (rows,) = rows_of_views([views])
     assert_array_equal(rows.appearance, views.embedding.astype(np.float64))
     (rows,) = rows_of_views([replace(views, embedding=np.zeros((len(views), 0), np.float32))])

@@ -44,9 +44,9 @@ def test_each_fault_is_found(seed: int) -> None:
     dying = clean.copy()
     dying[10_000:, 1] = 0.0
     assert found(dying) == {"microphone-interrupted"}
-    alike = clean.copy()
-    alike[:, 3] = alike[:, 0]
-    assert found(alike) == {"microphones-identical"}
+    similar = clean.copy()
+    similar[:, 3] = similar[:, 0]
+    assert found(similar) == {"microphones-identical"}
     assert found(np.clip(8.0 * clean, -1.0, 1.0)) == {"clipped"}
     assert found(clean, rows=0) == {"no-directions"}
 

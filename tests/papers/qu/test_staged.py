@@ -92,8 +92,8 @@ def test_a_ball_that_the_first_view_does_not_see_is_there_for_the_others() -> No
 
 @pytest.mark.jit
 def test_a_tracker_that_is_led_astray_is_off_its_target_from_then_on() -> None:
-    astray = {"view": 0, "target": 0, "frame": 2, "x": 400.0, "y": 32.0}
-    methods = {"b": {"method": "mipf", "astray": astray}, "a": {"method": "mipf"}}
+    diverted = {"view": 0, "target": 0, "frame": 2, "x": 400.0, "y": 32.0}
+    methods = {"b": {"method": "mipf", "diverted": diverted}, "a": {"method": "mipf"}}
     found = run_views_trial(views_spec(2, methods, SMALL, watched={"w": [0, [0]]}))
     assert (found["a.w_off"], found["a.w_end_own"]) == (0.0, 1.0)
     assert (found["b.w_off"], found["b.w_end_none"]) == (0.5, 1.0)

@@ -175,7 +175,7 @@ def test_kalibr_and_videos_want_the_height_of_the_ground(folder: Path, start: St
     code, output = start(out="pictures")
     assert (code, "--set ingest.fps=RATE" in output) == (ExitCode.BAD_INPUT, True)
     code, output = start(*FPS, "--dry-run", out="pictures")
-    assert (code, "run.yaml" in output) == (ExitCode.DONE, True)
+    assert code == ExitCode.DONE
     assert not (folder.parent / "pictures").exists()
     code, output = start(*FPS, "--write-only", out="pictures")
     assert code == ExitCode.DONE, output

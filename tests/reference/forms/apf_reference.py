@@ -335,7 +335,7 @@ def rival(camera, config):
     return max(config.miss * config.false_alarm_probability / (2 * camera.focal * np.tan(camera.fov / 2)), 1e-30)
 
 
-def gathered(dt, config):
+def collected(dt, config):
     """Variance of the place, gain of the velocity and variance left of it, after white noise of place and velocity."""
     place = config.process_noise_position**2 * dt + config.process_noise_velocity**2 * dt**3 / 3
     if config.process_noise_velocity == 0:
@@ -375,7 +375,7 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     share = draws.before[:, None] if config.change_time == "uniform" else 0.0
     held = share * np.where((particles.regime == W)[:, None], dt * creep, way * old) + (1 - share) * way * new
     mean = np.concatenate([particles.xy + way * old, particles.xy + held, particles.xy + dt * creep])
-    place, _gain, _left = gathered(dt, config)
+    place, _gain, _left = collected(dt, config)
     p0 = np.maximum(np.concatenate([np.full(2 * L, place), standing(dt, stood, config)[0]]), 1e-18)
     prior = (chances * particles.weights).ravel()
     near = laplace(mean, p0, z, sigma_read, scene, config)
@@ -417,7 +417,7 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
 
 def come(particles, parents, regime, draws, mean, xy, dt, config):
     """Particles that have come to given places: destinations, and speeds (Eq. 5, or by white acceleration)."""
-    _, gain, left = gathered(dt, config)
+    _, gain, left = collected(dt, config)
     T, phi = config.reference_step_s, config.velocity_memory
     destination = np.where((regime == CD)[:, None], draws.destinations[parents], particles.destination[parents])
     e, _ = direction(RefParticles(particles.xy[parents], destination, None, None, None))

@@ -104,8 +104,8 @@ def clear(scene: Scene, similar: Measure, distance: Measure, memory: float, most
         out["fp"] += len(tracks) - len(pairs)
         out["fn"] += len(truth) - len(pairs)
     for life in lives.values():
-        stretches = "".join("x" if on else " " for on in life).split()
-        out["fragmentations"] += max(len(stretches) - 1, 0)
+        segments = "".join("x" if on else " " for on in life).split()
+        out["fragmentations"] += max(len(segments) - 1, 0)
     shares = [sum(life) / len(life) for life in lives.values()]
     out["mostly_tracked"], out["mostly_lost"] = sum(s >= 0.8 for s in shares), sum(s < 0.2 for s in shares)
     return out
@@ -141,11 +141,11 @@ def hota(scene: Scene, similar: Measure, alpha: float) -> dict[str, float]:
     met: dict[Pair, float] = {}
     for i, j, t in rows:
         met[i, j] = met.get((i, j), 0.0) + share(i, j, t)
-    alike = {(i, j): s / (life(i, 0) + life(j, 1) - s) for (i, j), s in met.items()}
+    similar_rows = {(i, j): s / (life(i, 0) + life(j, 1) - s) for (i, j), s in met.items()}
     hits: list[tuple[int, int, int]] = []
     for t, (a, b) in scene.items():
         ways = one_to_one(sorted(a), sorted(b))
-        way = max(ways, key=lambda way: sum(alike[i, j] * value[i, j, t] for i, j in way))
+        way = max(ways, key=lambda way: sum(similar_rows[i, j] * value[i, j, t] for i, j in way))
         hits += [(i, j, t) for i, j in way if value[i, j, t] >= alpha - EPS]
     tp = len(hits)
     total_truth, total_tracks = (sum(len(sides[k]) for sides in scene.values()) for k in range(2))

@@ -150,8 +150,8 @@ def frame(t: Any, c: Any, fundamental: Array, bins: list[Array], normals: Array,
         u: (n,) for resampling.
     """
     x, n = moved(t, c, normals), len(t.view)
-    alike = [likeness_of(bins[t.view[i]], x[i], t.colours[i, :72], c.pixel_step) for i in range(n)]
-    log_local = [(a - 1) / (2 * c.sigma_colour**2) for a in alike]
+    similar = [likeness_of(bins[t.view[i]], x[i], t.colours[i, :72], c.pixel_step) for i in range(n)]
+    log_local = [(a - 1) / (2 * c.sigma_colour**2) for a in similar]
     ratio = ratios(np.array([mean_of(x[i], weights_of(log_local[i])) for i in range(n)]), t.view)
     touching, busy = ratio <= c.interaction_distance, (ratio <= c.collaboration_distance).any(axis=1)
     usual = t.path.mean(axis=1)

@@ -27,7 +27,7 @@ class Case(NamedTuple):
     diagnostics: Diagnostics
 
 
-def fared(ours: Tracks, random: np.random.Generator) -> Diagnostics:
+def filter_diagnostics(ours: Tracks, random: np.random.Generator) -> Diagnostics:
     """How a filter fared that did not always use all sensors."""
     values: dict[str, Any] = {}
     for c in Diagnostics.columns():
@@ -79,7 +79,7 @@ def hand_made(seed: int) -> Case:
         false = s[random.random(len(s)) < 0.2]
         rows.append(pixels(cam, false, random.uniform(-50, 50, len(false)), -1))
     mine = both(*ours)
-    return Case(place, mine, both(*true, walker), both(*rows), fared(mine, random))
+    return Case(place, mine, both(*true, walker), both(*rows), filter_diagnostics(mine, random))
 
 
 def in_space(seed: int) -> Case:
@@ -92,7 +92,7 @@ def in_space(seed: int) -> Case:
     true = truth(t, xyz[:, :2], 0, z=np.where(random.random(len(t)) < 0.2, np.nan, xyz[:, 2]))
     ours = heights(tracks(t, xyz[:, :2] + random.normal(0, 0.1, (len(t), 2)), 0, 0.01), xyz[:, 2] + 0.1, (0, 0, 0.04))
     rows = [heard(ear, t, xyz, 0) for ear in ears] + [directions("c", t, np.full(len(t), -2.3), 0.02)]
-    return Case(place, ours, true, both(*rows), fared(ours, random))
+    return Case(place, ours, true, both(*rows), filter_diagnostics(ours, random))
 
 
 def simulated(seed: int) -> Case:
@@ -109,7 +109,7 @@ def simulated(seed: int) -> Case:
     ours = Tracks.of(
         t_ns=own.t_ns, target_id=own.target_id, x=own.x + off[0], y=own.y + off[1], vx=off[0], vy=off[1], **spread
     )
-    return Case(place, ours, true, seen, fared(ours, random))
+    return Case(place, ours, true, seen, filter_diagnostics(ours, random))
 
 
 CASES = {"hand-made": hand_made, "in space": in_space, "simulated": simulated}

@@ -89,7 +89,7 @@ def crowd(
     metre: float = 1.0,
     seed: int = 0,
     colours: int = 0,
-    alike: float = 20.0,
+    similar: float = 20.0,
     lean: Floats | None = None,
 ) -> Crowd:
     """A crowd and its boxes.
@@ -107,7 +107,7 @@ def crowd(
         metre: in the scene's unit.
         seed: of everything.
         colours: of a histogram of each box, Dirichlet about that of the person; 0: boxes have none.
-        alike: concentration of boxes' histograms about the person's; that of persons, and of no one's boxes, is 1.
+        similar: concentration of boxes' histograms about the person's; that of persons, and of no one's boxes, is 1.
         lean: (frames, people) angle [rad] by which a body has fallen over along x, about its feet; None: all stand.
     """
     rng = np.random.default_rng(seed)
@@ -134,7 +134,7 @@ def crowd(
                 w, u, v = rng.uniform(30.0, 120.0), rng.uniform(0.0, 1280.0), rng.uniform(50.0, 720.0)
                 empty.append([u - 0.5 * w, v - 2.9 * w, u + 0.5 * w, v])
             found = np.concatenate([found, np.array(empty).reshape(-1, 4)])
-            observation = _histograms(clothes[own], len(empty), alike, paint)
+            observation = _histograms(clothes[own], len(empty), similar, paint)
             # A detector's boxes end at the border of the image
             found = np.clip(found, 0.0, [1279.0, 719.0, 1279.0, 719.0])
             large = (found[:, 2] - found[:, 0] > 4.0) & (found[:, 3] - found[:, 1] > 8.0)
@@ -157,12 +157,12 @@ def crowd(
     return Crowd(Scene(cameras=views, length_unit="m" if metre == 1.0 else "cm"), moments, truth * metre)
 
 
-def _histograms(clothes: Floats, absent: int, alike: float, rng: np.random.Generator) -> Floats:
+def _histograms(clothes: Floats, absent: int, similar: float, rng: np.random.Generator) -> Floats:
     """Histograms of the boxes of people in these clothes (n, K), and of so many boxes of no one."""
     K = clothes.shape[1]
     if not K:
         return np.zeros((len(clothes) + absent, 0))
-    own = [rng.dirichlet(alike * c + 0.05) for c in clothes]
+    own = [rng.dirichlet(similar * c + 0.05) for c in clothes]
     return np.array([*own, *rng.dirichlet(np.ones(K), absent)]).reshape(-1, K)
 
 

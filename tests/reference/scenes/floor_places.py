@@ -39,7 +39,7 @@ def places_at(moment, at, worth, observations=None, sums=None):
         death=np.full(n, -2.0),
         hint=np.full((n, 2), NO_NODE),
         life=np.zeros((0, 2)),
-        alike=AppearanceVectors(*observations, feature_likelihood(np.zeros((2, 3)) if sums is None else sums)),
+        similar=AppearanceVectors(*observations, feature_likelihood(np.zeros((2, 3)) if sums is None else sums)),
     )
 
 

@@ -46,13 +46,13 @@ def streamed(case: Case, rows: int = 10**6, most: int = 10**6) -> ThinnedBearing
 def test_figures_are_the_same_in_chunks_of_any_length(what: str, kind: str) -> None:
     case = labels(CASES[what](5), kind)
     whole = streamed(case)
-    alike(streamed(case, 20 if kind == "apart" else 50), whole, case)
+    similar(streamed(case, 20 if kind == "apart" else 50), whole, case)
     assert any(each.any for each in whole.residuals.values())
     if kind != "nobody's" and what != "in space":
         assert any(each.rows > 20 for each in whole.sight.values())
 
 
-def alike(found: ThinnedBearings, whole: ThinnedBearings, case: Case) -> None:
+def similar(found: ThinnedBearings, whole: ThinnedBearings, case: Case) -> None:
     """Figures and rows of both are the same."""
     for target in np.unique(case.tracks.target_id).tolist():
         got, wanted = found.residuals[target], whole.residuals[target]

@@ -31,8 +31,8 @@ def test_a_method_without_particles_shows_how_well_it_knows_the_position(batch: 
     diagnostics, tracks = batch.diagnostics, batch.tracks
     assert diagnostics is not None
     assert tracks is not None
-    assert batch.fared is not None
-    assert not batch.fared.particles
+    assert batch.filter_diagnostics is not None
+    assert not batch.filter_diagnostics.particles
     figure = new_figure(8.4, 2.7)
     draw_filter(figure, batch, diagnostics)
     axes = figure.axes[0]
@@ -60,6 +60,6 @@ def test_the_page_of_a_method_without_particles(batch: ReportInput) -> None:
 
 def test_a_filter_with_particles_shows_their_number() -> None:
     data = run()
-    assert data.fared is not None
-    assert data.fared.particles
+    assert data.filter_diagnostics is not None
+    assert data.filter_diagnostics.particles
     assert "Lowest effective sample size" in build_page(data)

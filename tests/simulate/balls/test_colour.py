@@ -27,9 +27,9 @@ def test_the_likelihood_of_a_visible_ball_falls_next_to_it(step):
             for k in np.flatnonzero(share == 1.0):
                 moved = np.repeat(ellipses[k : k + 1], 9, axis=0)
                 moved[1:, :2] += 11.0 * RING  # half a radius
-                alike = colour_similarity(bins_of(image), moved, np.full(9, k), model, whole, step)
-                likelihood = np.exp((alike - 1.0) / (2.0 * MipfConfig().sigma_colour ** 2))
-                better.append(alike[0] > alike[1:].max())
+                similar = colour_similarity(bins_of(image), moved, np.full(9, k), model, whole, step)
+                likelihood = np.exp((similar - 1.0) / (2.0 * MipfConfig().sigma_colour ** 2))
+                better.append(similar[0] > similar[1:].max())
                 ratio.append(likelihood[1:].mean() / likelihood[0])
     assert len(better) > 40
     assert np.mean(better) > 0.9  # another ball may be on that side

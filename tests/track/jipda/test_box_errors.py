@@ -25,7 +25,13 @@ N = 8
 
 @cache
 def taught(
-    *, lasting: float = 0.0, sway: float = 0.0, bias: float = 0.0, alike: float = 0.0, seed: int = 0, frames: int = 300
+    *,
+    lasting: float = 0.0,
+    sway: float = 0.0,
+    bias: float = 0.0,
+    similar: float = 0.0,
+    seed: int = 0,
+    frames: int = 300,
 ) -> EdgeErrorStatistics:
     """What is learned of one camera, 10 looks a second, middles with 3 px and 1 % of the height."""
     rng = np.random.default_rng(seed)
@@ -40,7 +46,7 @@ def taught(
         slow = keep * slow + np.sqrt(1.0 - keep**2) * rng.normal(0.0, lasting, (N, 4))
         velocity += rng.normal(0.0, np.sqrt(0.06 * 0.1), (N, 2))
         walk += 0.1 * velocity
-        noise = alike * noise + np.sqrt(1.0 - alike**2) * rng.normal(size=(N, 4))
+        noise = similar * noise + np.sqrt(1.0 - similar**2) * rng.normal(size=(N, 4))
         residual = 3.0 * noise + rng.normal(0.0, 0.01, (N, 4)) * size
         residual[:, [0, 2]] += (slow * size)[:, [0, 2]]
         residual[:, 3] += bias * size[:, 3] - edges.bias[0, 3] * size[:, 3]
@@ -75,11 +81,11 @@ def test_errors_that_go_on_from_look_to_look_are_distinguished_from_those_that_a
     assert correlated_noise_factor(taught()) < 1.2
     assert correlated_noise_factor(taught(lasting=0.03, bias=0.06)) < 1.6
     # Noise of 3 px has a correlation of 0.6 and 1 % of the height is new each time
-    edges = taught(alike=0.6, frames=600)
+    edges = taught(similar=0.6, frames=600)
     assert 1.4 < correlated_noise_factor(edges) < 1.6 / 0.4
     # Of every third observation the errors are alike to the third power
-    alike = (correlated_noise_factor(edges) - 1.0) / (correlated_noise_factor(edges) + 1.0)
-    assert correlated_noise_factor(edges, 3.0) == pytest.approx((1.0 + alike**3) / (1.0 - alike**3))
+    similar = (correlated_noise_factor(edges) - 1.0) / (correlated_noise_factor(edges) + 1.0)
+    assert correlated_noise_factor(edges, 3.0) == pytest.approx((1.0 + similar**3) / (1.0 - similar**3))
 
 
 def test_the_bias_of_a_camera_is_found() -> None:

@@ -43,7 +43,7 @@ def rates(counts: DetectorStatistics, config: JipdaConfig | None = None) -> Dete
     )
 
 
-def everybody() -> TargetSet:
+def people_tracks() -> TargetSet:
     """Six people who surely exist and walk on."""
     return tentative_targets(
         np.zeros((N, 6)), np.tile(np.eye(6), (N, 1, 1)), np.full(N, 0.99), np.full(N, 4.0), 0, 0, cameras=1
@@ -77,8 +77,8 @@ def after(observations: int, visible: float, found: int) -> DetectorStatistics:
         now = rates(counts)
         counts = update_statistics(
             counts,
-            everybody(),
-            everybody().existence,
+            people_tracks(),
+            people_tracks().existence,
             dt=0.5,
             config=JipdaConfig(),
             boxes=look_at(found),
@@ -189,7 +189,7 @@ def test_the_probability_of_being_hidden_follows_a_two_state_chain_and_bayes_rul
 
 
 def test_people_who_are_hidden_do_not_lower_the_rate_of_detection() -> None:
-    shown, counts = everybody(), prior_statistics(1, JipdaConfig())
+    shown, counts = people_tracks(), prior_statistics(1, JipdaConfig())
     hidden = replace(shown, hidden=np.where(np.arange(N) < 3, 0.0, 1.0)[:, None])
     both = [
         update_statistics(

@@ -133,13 +133,13 @@ def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_no
 def test_a_path_that_the_filter_lost_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     given, path = walk(3, late=0.1, stated=0.05)
 
-    def astray(problem: TrajectoryProblem, *_: object) -> list[ConsensusPath]:
+    def loss_count(problem: TrajectoryProblem, *_: object) -> list[ConsensusPath]:
         X = np.zeros((len(path), 4))
         X[:, ::2] = path - np.array([5.0, 4.0])
         X[35:, ::2] += np.linspace(0.0, 4.0, len(path) - 35)[:, None] * [0.8, -0.6]
         return [ConsensusPath(X, np.ones(0, dtype=np.bool_), 0.0)]
 
-    monkeypatch.setattr(mixed, "mode_starts", astray)
+    monkeypatch.setattr(mixed, "mode_starts", loss_count)
     found, _ = solved(given)
     assert np.hypot(*(found - path).T).max() < 0.4
 

@@ -76,8 +76,8 @@ def moment(number: int, mean: Floats, sd: float, seen: bool) -> TrackSnapshot:
 
 
 def doubts(moments: list[TrackSnapshot], unit: float = 1.0) -> list[tuple[int, Event]]:
-    meetings = CloseEncounters(JipdaConfig(person_width=0.55 * unit, manoeuvre_noise_density=unit**2))
-    return [(k, event) for k, each in enumerate(moments) for event in meetings.add(each)]
+    encounters = CloseEncounters(JipdaConfig(person_width=0.55 * unit, manoeuvre_noise_density=unit**2))
+    return [(k, event) for k, each in enumerate(moments) for event in encounters.add(each)]
 
 
 def test_two_who_pass_closely_unseen_are_doubted_once_when_they_part() -> None:

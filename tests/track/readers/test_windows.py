@@ -35,13 +35,13 @@ LOG = reads(
 )
 
 
-def gathered(parts: list[Windows]) -> Windows:
+def collected(parts: list[Windows]) -> Windows:
     columns = ("t_ns", "target_id", "count", "rssi")
     return Windows(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
 
 
 def test_a_window_has_counts_and_mean_strengths_of_each_tag() -> None:
-    found = gathered(list(windows_of([LOG], ("A", "B"), NS)))
+    found = collected(list(windows_of([LOG], ("A", "B"), NS)))
     assert found.target_id.tolist() == [1, 2, 1, 1]
     assert found.t_ns.tolist() == [START + round(s * NS) for s in (0.2, 0.9, 1.0, 3.5)]
     assert found.count.tolist() == [[2, 1], [1, 0], [0, 1], [0, 1]]
@@ -50,14 +50,14 @@ def test_a_window_has_counts_and_mean_strengths_of_each_tag() -> None:
 
 @pytest.mark.parametrize("cut", range(1, 6))
 def test_it_does_not_matter_where_chunks_are_cut(cut: int) -> None:
-    whole = gathered(list(windows_of([LOG], ("A", "B"), NS)))
-    parts = gathered(list(windows_of([LOG.take(slice(0, cut)), LOG.take(slice(cut, None))], ("A", "B"), NS)))
+    whole = collected(list(windows_of([LOG], ("A", "B"), NS)))
+    parts = collected(list(windows_of([LOG.take(slice(0, cut)), LOG.take(slice(cut, None))], ("A", "B"), NS)))
     for name in ("t_ns", "target_id", "count", "rssi"):
         assert_array_equal(getattr(parts, name), getattr(whole, name))
 
 
 def test_other_readers_and_targets_do_not_count() -> None:
-    found = gathered(list(windows_of([LOG], ("B",), NS, targets=(1,))))
+    found = collected(list(windows_of([LOG], ("B",), NS, targets=(1,))))
     assert found.target_id.tolist() == [1, 1, 1]
     assert found.count.ravel().tolist() == [1, 1, 1]
 

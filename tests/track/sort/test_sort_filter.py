@@ -116,8 +116,8 @@ def test_a_gap_in_plain_view_is_bridged_and_a_long_absence_ends_the_track() -> N
 
 def test_an_exchange_is_reported_where_both_assignments_are_alike() -> None:
     ids, pair = np.array([4, 7]), (np.array([0, 1]), np.array([0, 1]))
-    alike = np.array([[3.0, 3.0], [3.0, 3.0]])
-    assert exchanges(ids, alike, *pair) == [(4, 7, pytest.approx(0.5))]
+    similar = np.array([[3.0, 3.0], [3.0, 3.0]])
+    assert exchanges(ids, similar, *pair) == [(4, 7, pytest.approx(0.5))]
     assert exchanges(ids, np.array([[9.0, 1.0], [1.0, 9.0]]), *pair) == []
     # One box for two people
     assert exchanges(ids, np.array([[3.0], [2.0]]), np.array([0]), np.array([0])) == [

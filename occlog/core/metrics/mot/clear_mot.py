@@ -158,7 +158,7 @@ class ClearCounts:
         """Start without frames; `targets` is the number of all targets."""
         self._objects = self._estimates = self._tp = self._switches = 0
         self._distance, self._similarity = Sum(), Sum()
-        self._life, self._paired, self._stretches = np.zeros((3, targets), dtype=np.int64)
+        self._life, self._paired, self._segments = np.zeros((3, targets), dtype=np.int64)
         self._goes_on = np.zeros(targets, dtype=np.bool_)  # the target was paired when it was there last
 
     def update(self, frames: MatchedFrames, made: MatchedPairs) -> None:
@@ -177,7 +177,7 @@ class ClearCounts:
         who, there = frames.truth[order], paired[order]
         same = np.append(False, who[1:] == who[:-1])[: len(who)]
         before = np.where(same, np.append(False, there[:-1])[: len(who)], self._goes_on[who])
-        self._stretches += np.bincount(who[there & ~before], minlength=size)
+        self._segments += np.bincount(who[there & ~before], minlength=size)
         last = np.append(~same[1:], True)[: len(who)]
         self._goes_on[who[last]] = there[last]
 
@@ -189,7 +189,7 @@ class ClearCounts:
         self._similarity.merge(other._similarity)
         self._life = np.concatenate([self._life, other._life])
         self._paired = np.concatenate([self._paired, other._paired])
-        self._stretches = np.concatenate([self._stretches, other._stretches])
+        self._segments = np.concatenate([self._segments, other._segments])
 
     def result(self) -> ClearMot:
         """CLEAR-MOT figures over all frames added."""
@@ -205,7 +205,7 @@ class ClearCounts:
             fp=m - tp,
             fn=n - tp,
             switches=self._switches,
-            fragmentations=int(np.sum(self._stretches[self._stretches > 0] - 1)),
+            fragmentations=int(np.sum(self._segments[self._segments > 0] - 1)),
             mota=1.0 - ratio_or_nan(m - tp + n - tp + self._switches, n),
             motp=ratio_or_nan(self._distance.value, tp),
             motp_similarity=ratio_or_nan(self._similarity.value, tp),

@@ -151,7 +151,7 @@ def _failures(frames: MatchedFrames, matches: _FrameMatches) -> FailureRates:
     lost, wrong = np.flatnonzero(~found), np.flatnonzero((matches.on >= 0) & (matches.assigned != label[matches.on]))
     t = np.arange(len(frames.frame))
     of_truth, of_track = np.repeat(t, np.diff(frames.truth_start)), np.repeat(t, np.diff(frames.track_start))
-    astray = label[np.append(matches.on, -1)[matches.tracker[lost]]]
+    wrong_label = label[np.append(matches.on, -1)[matches.tracker[lost]]]
     none = np.full(max(len(lost), len(wrong)), NO_TARGET, dtype=np.int64)
     sides = (
         (
@@ -160,7 +160,7 @@ def _failures(frames: MatchedFrames, matches: _FrameMatches) -> FailureRates:
             none[: len(lost)],
             np.zeros(len(lost), np.bool_),
             matches.away[lost],
-            astray,
+            wrong_label,
         ),
         (
             of_track[wrong],

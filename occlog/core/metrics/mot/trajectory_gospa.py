@@ -135,7 +135,7 @@ class FixedPairs(NamedTuple):
         return dict(zip(who.tolist(), np.split(order, start)[1:], strict=True))
 
 
-class FixedStretches(NamedTuple):
+class FixedSegments(NamedTuple):
     """Segments of rows of a pair in which it is fixed."""
 
     first: Ints  # (k,) first row of `TrajectoryPairs`
@@ -152,7 +152,7 @@ class FixedStretches(NamedTuple):
         )
 
 
-def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, known: Ints | None = None) -> FixedStretches:
+def sure_segments(pairs: TrajectoryPairs, most: float, switch: float, known: Ints | None = None) -> FixedSegments:
     """Find rows in which a pair is fixed, i.e. present in every integral solution.
 
     Args:
@@ -184,7 +184,7 @@ def sure_stretches(pairs: TrajectoryPairs, most: float, switch: float, known: In
     sure = sure if known is None else np.where(known < 0, sure, known > 0)
     first = sure & ~(goes_on & np.append(False, sure[:-1])[:n])
     last = sure & ~np.append(goes_on[1:] & sure[1:], False)[:n]
-    return FixedStretches(np.flatnonzero(first), np.flatnonzero(last), sure, alone, ~goes_on, so_far)
+    return FixedSegments(np.flatnonzero(first), np.flatnonzero(last), sure, alone, ~goes_on, so_far)
 
 
 def enough_gain(switch: float) -> float:
@@ -475,7 +475,7 @@ class TrajectoryCosts:
         order = np.lexsort((rows.time, rows.track, rows.truth))
         known = np.append(self._sure, np.full(len(order) - len(self._sure), -1))[order]
         rows, decided = rows.take(order), known >= 0
-        sure = sure_stretches(rows, self._most, self._switch, known)
+        sure = sure_segments(rows, self._most, self._switch, known)
         # A segment that begins with a row that was output before goes on with the pin of the pair that is the last one
         goes_on = decided[sure.first]
         found = sure.pins(rows)

@@ -169,7 +169,7 @@ def dashes(ways: Sequence[Floats], length: float) -> list[Floats]:
     """
     if not ways:
         return []
-    groups = _alike(ways)
+    groups = _similar(ways)
     totals = _totals(groups, len(ways))
     counts = np.clip(np.rint(totals / (2.0 * length)), MIN_DASHES, MAX_DASHES).astype(np.int64)
     ends = 2 * counts
@@ -189,7 +189,7 @@ def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]
     Returns:
         (N, d), way after way, and (len(ways),) from 2 to `most`.
     """
-    groups = _alike(ways)
+    groups = _similar(ways)
     totals = _totals(groups, len(ways))
     counts = np.clip(np.ceil(totals / step) + 1, 2, most).astype(np.int64)
     wanted = _from_zero(counts) * np.repeat(totals / (counts - 1), counts)
@@ -197,7 +197,7 @@ def dense(ways: Sequence[Floats], step: float, most: int) -> tuple[Floats, Ints]
     return _at(groups, wanted, counts), counts
 
 
-def _alike(ways: Sequence[Floats]) -> list[EqualLengthPolylines]:
+def _similar(ways: Sequence[Floats]) -> list[EqualLengthPolylines]:
     sizes = np.fromiter(map(len, ways), np.int64, len(ways))
     found = []
     for size in np.unique(sizes).tolist():

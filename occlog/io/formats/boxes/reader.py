@@ -825,19 +825,19 @@ def _matched(
     """
     if not known:
         return list(labels)
-    foreign = [label for label in labels if means_none(label, known)]
-    if foreign and not options.others:
-        text = ", ".join(repr(label) for label in foreign)
-        one = len(foreign) == 1
+    external_table = [label for label in labels if means_none(label, known)]
+    if external_table and not options.others:
+        text = ", ".join(repr(label) for label in external_table)
+        one = len(external_table) == 1
         remedy = "give them equal names"
         if file.path.is_dir():
-            remedy = f"give each folder with its camera (CAMERA={file.path / foreign[0]})"
+            remedy = f"give each folder with its camera (CAMERA={file.path / external_table[0]})"
         raise InputError(
             f"{file.path}: {'camera' if one else 'cameras'} {text} {'is' if one else 'are'} none of "
             f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras",
             id="missing-pose",
         )
-    names = [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
+    names = [label if label in external_table else match_sensor(label, known, str(file.path)) for label in labels]
     for label, name in zip(labels, names, strict=True):
         check_meaning(meant, label, name, str(file.path))
     return names

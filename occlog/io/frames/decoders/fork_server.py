@@ -167,10 +167,10 @@ class ForkServer:
         self._process = self._requests = None
 
 
-NURSERY = ForkServer()
-atexit.register(NURSERY.stop)
+FORK_SERVER = ForkServer()
+atexit.register(FORK_SERVER.stop)
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=NURSERY.forget)
+    os.register_at_fork(after_in_child=FORK_SERVER.forget)
 
 
 class _Served:

@@ -21,7 +21,7 @@ from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
 from ..limits import MAX_PIXELS, SECONDS
-from .fork_server import FORKS, NURSERY, ForkedProcess
+from .fork_server import FORK_SERVER, FORKS, ForkedProcess
 from .memory import SHARED, SharedImages, slot_size
 
 if TYPE_CHECKING:
@@ -262,7 +262,7 @@ def _start(shared: SharedImages | None) -> subprocess.Popen[bytes] | ForkedProce
     """Start a process that waits for its job; `shared` is the memory in which it returns images, None: none."""
     environment = {**environment_for_children(), "OPENCV_IO_MAX_IMAGE_PIXELS": str(MAX_PIXELS)}
     if FORKS:
-        return NURSERY.fork(environment, None if shared is None else shared.file)
+        return FORK_SERVER.fork(environment, None if shared is None else shared.file)
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "occlog.io.frames.decoders.process_main"],
         stdin=subprocess.PIPE,

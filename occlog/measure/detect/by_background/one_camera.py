@@ -102,7 +102,7 @@ def choose(
     regions: ForegroundRegions,
     like: Floats,
     memory: TargetMemory,
-    least_likeness: float,
+    similarity_limit: float,
     allowed: Bools | None = None,
 ) -> Ints:
     """Assign a region to each target in one frame, and update `memory`.
@@ -117,7 +117,7 @@ def choose(
         regions: K regions.
         like: (K, T) similarities; (K, 0) where no appearance is known.
         memory: of the camera.
-        least_likeness: 0 to 1.
+        similarity_limit: least similarity, 0 to 1.
         allowed: (K, max(T, 1)) regions that may be of each target; None: all.
 
     Returns:
@@ -136,7 +136,7 @@ def choose(
         chosen[0] = int(np.argmax(np.where(plausible[:, 0], regions.mass * (1.0 + close[:, 0]), -np.inf)))
     else:
         # Assign greedily: the pair of region and target with the highest score first.
-        good = plausible & (like >= least_likeness)
+        good = plausible & (like >= similarity_limit)
         score = np.where(good, like + CONTINUITY_BONUS * close, -np.inf)
         while (best := np.unravel_index(int(np.argmax(score)), score.shape)) and score[best] > -np.inf:
             k, n = int(best[0]), int(best[1])
@@ -244,7 +244,7 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
             warmup += 1
         else:
             found.append(FrameRegions(frame.t_ns, frame.index, regions))
-    return CameraBatch(tuple(found), stretches(state.camera.name, lost), warmup)
+    return CameraBatch(tuple(found), segments(state.camera.name, lost), warmup)
 
 
 def _regions_of_frame(
@@ -405,7 +405,7 @@ def size_in_words(shape: tuple[int, ...]) -> str:
     return f"{shape[1]} x {shape[0]} px {'in colour' if len(shape) == 3 else 'grey'}"
 
 
-def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
+def segments(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
     """Losses of the frames of a sensor, one for each run of consecutive frames with the same reason.
 
     `lost` has number and reason of each frame, in order.
@@ -420,10 +420,10 @@ def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
 
 
 FRAMES = re.compile(r"frames? (\d+)(?: to (\d+))?")
-"""Position of a loss that `stretches` has made."""
+"""Position of a loss that `segments` has made."""
 
 
 def numbers_of(loss: Loss) -> tuple[int, int] | None:
-    """First and last frame number of a loss made by `stretches`; None for other losses."""
+    """First and last frame number of a loss made by `segments`; None for other losses."""
     found = FRAMES.fullmatch(loss.place)
     return None if found is None else (int(found[1]), int(found[2] or found[1]))

@@ -147,9 +147,9 @@ def _job(state: CameraState, frames: list[Frame], before: Future[_Part] | None) 
     """
     if before is not None:
         before.result()
-    stretch = process(state, frames)
-    views, bearings = to_tables(state, stretch.found)
-    return _Part(views, bearings, stretch.losses, len(stretch.found), stretch.warmup)
+    segment = process(state, frames)
+    views, bearings = to_tables(state, segment.found)
+    return _Part(views, bearings, segment.losses, len(segment.found), segment.warmup)
 
 
 def _merge(parts: list[_Part]) -> Detections:

@@ -49,7 +49,7 @@ class Heads(NamedTuple):
 
 
 def people_of(kind: str, rng: np.random.Generator) -> Clothes:
-    """Draw `PEOPLE` people in equal clothes who differ in skin and hair (`kind` `different`), or hardly (`alike`)."""
+    """Draw `PEOPLE` people in equal clothes who differ in skin and hair (`kind` `different`), or hardly (`similar`)."""
     wide = kind == "different"
     tone = rng.uniform(0.35, 1.05, PEOPLE) if wide else 0.85 + rng.uniform(-0.02, 0.02, PEOPLE)
     dark = rng.uniform(0.1, 0.8, PEOPLE) if wide else 0.25 + rng.uniform(-0.02, 0.02, PEOPLE)
@@ -176,7 +176,7 @@ def faces_trial(spec: Spec) -> dict[str, float]:
             candidates = np.concatenate([s[i] for s in seen])  # (probes, m), person after person
             owner = np.tile(np.arange(PEOPLE), len(seen))
             at = np.repeat(indices, PEOPLE)
-            full = likeness(gallery, candidates, at)
+            full = similarities(gallery, candidates, at)
             out[f"rank1-{kind}-bins-{bins_of(level)}"] = rank_one(full, owner)
             out[f"auc-{kind}-bins-{bins_of(level)}"] = area_under_curve(full, owner)
             if level == OWN_LEVELS:
@@ -185,7 +185,7 @@ def faces_trial(spec: Spec) -> dict[str, float]:
     return out
 
 
-def likeness(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
+def similarities(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
     """Return (n, P) bias-corrected Bhattacharyya coefficients of candidates (n, m) with the gallery (P, A, m).
 
     Each candidate is compared at its angle (n,), an index of the A angles.
@@ -217,7 +217,7 @@ def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
         else:
             kept = np.rint(np.linspace(0, ANGLES - 1, n)).astype(np.int64) if n > 1 else np.zeros(1, dtype=np.int64)
             own, angle = gallery[:, kept], np.abs(at[:, None] - kept[None, :]).argmin(axis=1)
-        like = likeness(own, candidates, angle)
+        like = similarities(own, candidates, angle)
         out[f"rank1-{kind}-angles-{n}"] = rank_one(like, owner)
         out[f"auc-{kind}-angles-{n}"] = area_under_curve(like, owner)
     return out
@@ -239,7 +239,7 @@ def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
     out = {}
     same = owner[:, None] == np.arange(PEOPLE)
     for known in KNOWN:
-        like = likeness(gallery, candidates, np.minimum(at, known - 1))
+        like = similarities(gallery, candidates, np.minimum(at, known - 1))
         there = at < known
         threshold = equal_error(like[there], same[there])
         wrong = (like >= threshold) != same

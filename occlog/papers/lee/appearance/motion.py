@@ -75,7 +75,7 @@ def motion_trial(spec: Spec) -> dict[str, float]:
         spec: `people`, `seed` and `run`.
 
     Returns:
-        `DIRECTION-CAMERA` for the printed statements; `alike`, share of cameras in which two people who walk the same
+        `DIRECTION-CAMERA` for the printed statements; `similar`, share of cameras in which two people who walk the same
         way, in any direction, show the same signs; `apart`, the same of two who walk opposite ways.
     """
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)))
@@ -96,11 +96,11 @@ def motion_trial(spec: Spec) -> dict[str, float]:
     n = int(spec["people"])
     diagonal = ("NE", "SE", "NW", "SW")
     opposite = dict(zip(diagonal, ("SW", "NW", "SE", "NE"), strict=True))
-    alike = [(signs[d, c][:, :n] == signs[d, c][:, n:]).all(axis=0) for d in diagonal for c in PLACES]
+    similar = [(signs[d, c][:, :n] == signs[d, c][:, n:]).all(axis=0) for d in diagonal for c in PLACES]
     opposite_signs = [
         (signs[d, c][:, :n] == signs[opposite[d], c][:, n:]).all(axis=0) for d in diagonal for c in PLACES
     ]
-    return out | {"alike": float(np.mean(alike)), "apart": float(np.mean(opposite_signs))}
+    return out | {"alike": float(np.mean(similar)), "apart": float(np.mean(opposite_signs))}
 
 
 def _holds(change: Floats, sign: int, full: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

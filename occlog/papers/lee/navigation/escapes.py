@@ -55,12 +55,12 @@ def escapes(size: Size, execute: Execute) -> Table:
     for step, config in STEPS.items():
         for radius in RADII:
             robots = printed_drive(config, radius)[1]
-            rows += _fared(step, radius, math.nan, robots)
+            rows += _outcome(step, radius, math.nan, robots)
             if radius > 0.0:
                 ends = (angle_inside if config is INSIDE else angle_outside)(WAY, 2.0 * radius)
                 for angle in np.linspace(ends.low, ends.high, ANGLES):
                     turned = replace(config, escape_angle=float(angle))
-                    rows += _fared(step, radius, float(np.degrees(angle)), printed_drive(turned, radius)[1])
+                    rows += _outcome(step, radius, float(np.degrees(angle)), printed_drive(turned, radius)[1])
     found = execute(
         [{"item": "fig5.29", "seed": size.seed, "run": run, "lines": size.steps} for run in range(size.runs)]
     )
@@ -69,7 +69,7 @@ def escapes(size: Size, execute: Execute) -> Table:
     return rows
 
 
-def _fared(step: str, radius: float, angle: float, robots: Drive) -> Table:
+def _outcome(step: str, radius: float, angle: float, robots: Drive) -> Table:
     """Return the rows of one drive: least distance of centres, with steps and whether the goal was reached.
 
     Args:

@@ -61,9 +61,9 @@ def _spec(size: Size, run: int, scene: str) -> Spec:
     put = positions[0] + NEARER * near
     middle = np.array([0.5 * config.width, 0.5 * config.height])
     put = put + (aside if aside @ (middle - put) > 0.0 else -aside)
-    astray = {"view": 0, "target": 0, "frame": frame, "x": float(put[0]), "y": float(put[1])}
-    methods = {label: {**own, "astray": astray} for label, own in METHODS.items()}
-    return views_spec(seed, methods, balls, scene=scene, watched={"astray": [0, [0]]})
+    diverted = {"view": 0, "target": 0, "frame": frame, "x": float(put[0]), "y": float(put[1])}
+    methods = {label: {**own, "diverted": diverted} for label, own in METHODS.items()}
+    return views_spec(seed, methods, balls, scene=scene, watched={"diverted": [0, [0]]})
 
 
 def judge_decoys(table: Table) -> list[StatementVerdict]:

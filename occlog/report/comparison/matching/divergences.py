@@ -19,7 +19,7 @@ from occlog.core.metrics.mot.frame_pairs import MatchedFrames
 
 from .pairs import AlignedEstimates, MatchedRuns, RunPairs
 
-MAX_STRETCHES = 5
+MAX_SEGMENTS = 5
 """Longest sections that are reported."""
 
 
@@ -48,7 +48,7 @@ class DivergenceKind(NamedTuple):
     rows: int
 
 
-class DivergenceStretch(NamedTuple):
+class DivergenceSegment(NamedTuple):
     """Consecutive frames with divergence: start, end, and the time step of the largest one."""
 
     start_ns: int
@@ -63,8 +63,8 @@ class Divergences:
     Attributes:
         kinds: pairs beyond the tolerance, a person in A only, and B alone, and other partners.
         frames: how many frames there are.
-        parted: in how many of them the runs have parted.
-        stretches: the longest, the longest first.
+        diverged: in how many of them the runs have parted.
+        segments: the longest, the longest first.
         farthest: the pair of largest distance; None: no pair.
         distance: (T,) largest distance of partners in each frame, 0 without any.
         alone: (T,) how many have no partner.
@@ -72,8 +72,8 @@ class Divergences:
 
     kinds: tuple[DivergenceKind, ...]
     frames: int
-    parted: int
-    stretches: tuple[DivergenceStretch, ...]
+    diverged: int
+    segments: tuple[DivergenceSegment, ...]
     farthest: RunComparisonStep | None
     distance: Floats
     alone: Ints
@@ -118,10 +118,10 @@ def divergences_of(
     distance = np.zeros(count)
     np.maximum.at(distance, pairs.frame, pairs.distance)
     alone = np.bincount(a.frame[pairs.alone_a], minlength=count) + np.bincount(b.frame[pairs.alone_b], minlength=count)
-    parted = (distance > tolerance) | (alone > 0)
+    diverged = (distance > tolerance) | (alone > 0)
     farthest = None if not len(pairs.distance) else _of_pair(a, b, pairs, times, int(np.argmax(pairs.distance)))
-    stretches = tuple(_stretch(a, b, pairs, times, each) for each in _longest(parted, times))
-    return Divergences(kinds, count, int(parted.sum()), stretches, farthest, distance, alone)
+    segments = tuple(_segment(a, b, pairs, times, each) for each in _longest(diverged, times))
+    return Divergences(kinds, count, int(diverged.sum()), segments, farthest, distance, alone)
 
 
 def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) -> DivergenceKind:
@@ -177,22 +177,22 @@ def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: in
     return RunComparisonStep(int(times[frame]), label if first else None, None if first else label, nearest)
 
 
-def _longest(parted: Bools, times: Ints) -> list[tuple[int, int]]:
-    """Return first and last frame of the longest sections with divergence, up to `MAX_STRETCHES`, longest first.
+def _longest(diverged: Bools, times: Ints) -> list[tuple[int, int]]:
+    """Return first and last frame of the longest sections with divergence, up to `MAX_SEGMENTS`, longest first.
 
     Args:
-        parted: (F,) mask of frames with a divergence.
+        diverged: (F,) mask of frames with a divergence.
         times: (F,) of the frames [ns].
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], parted, [False]]).astype(np.int8)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], diverged, [False]]).astype(np.int8)))
     found = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
     found.sort(key=lambda each: (int(times[each[0]] - times[each[1]]), each[0]))
-    return found[:MAX_STRETCHES]
+    return found[:MAX_SEGMENTS]
 
 
-def _stretch(
+def _segment(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, frames: tuple[int, int]
-) -> DivergenceStretch:
+) -> DivergenceSegment:
     """Return a section with its worst time step: the first person without a partner, else the largest distance.
 
     Args:
@@ -210,9 +210,9 @@ def _stretch(
     ]
     ends = int(times[frames[0]]), int(times[frames[1]])
     if lone:
-        return DivergenceStretch(*ends, min(lone, key=lambda each: each.t_ns))
+        return DivergenceSegment(*ends, min(lone, key=lambda each: each.t_ns))
     worst = int(inside[np.argmax(pairs.distance[inside])])
-    return DivergenceStretch(*ends, _of_pair(a, b, pairs, times, worst))
+    return DivergenceSegment(*ends, _of_pair(a, b, pairs, times, worst))
 
 
 Paired = tuple[MatchedFrames, MatchedPairs]

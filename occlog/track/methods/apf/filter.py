@@ -58,7 +58,7 @@ class ApfState(NamedTuple):
     particles: WaypointParticles
     weights: Floats  # (L,)
     t_ns: int | None
-    astray: int  # reports against the likeliest position more than for it, see `_track_loss`
+    loss_count: int  # reports against the likeliest position more than for it, see `_track_loss`
     calibration: PoseCalibration | None = None  # None: errors of poses are white noise
     trace: Trace = ()  # smoother state of the last step; empty without a smoother
 
@@ -100,7 +100,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
         model = _with_occluder_priors(model, scan.occluders, state)
         state = state._replace(model=model)
     # Propose, weigh, resample ([Ercan] Alg. 1); a filter that most reports have contradicted for some scans is lost
-    (draw, trace), astray = advance(
+    (draw, trace), loss_count = advance(
         elapsed(state.t_ns, scan.t_ns),
         config.max_gap_s,
         known=state.t_ns is not None or model.views is None or config.start is not None,
@@ -113,7 +113,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     # Calibrate: learn the errors of the poses
     if calibration is not None:
         calibration, estimate = updated_calibration(calibration, scan, estimate, config.calibration_s)
-    return ApfState(base, draw.particles, draw.weights, scan.t_ns, astray, calibration, trace), estimate
+    return ApfState(base, draw.particles, draw.weights, scan.t_ns, loss_count, calibration, trace), estimate
 
 
 def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
@@ -204,7 +204,7 @@ def _track_loss(state: ApfState, draw: ProposedParticles, packed: PackedScan) ->
     if model.measured is not None:
         count += len(model.measured.kind)
     if not count:
-        return state.astray, False
+        return state.loss_count, False
     best = int(np.argmax(draw.weights))
     here = draw.particles.xy[best : best + 1]
     agree = likely_inliers(here, packed, model.sensors, model.noise, model.detection)
@@ -213,7 +213,7 @@ def _track_loss(state: ApfState, draw: ProposedParticles, packed: PackedScan) ->
         against += int(
             np.count_nonzero(inlier_probability(residuals(model.measured, here)[0], model.measured.errors) < 0.5)
         )
-    after = track_loss_count(state.astray, against, count)
+    after = track_loss_count(state.loss_count, against, count)
     return (0, True) if is_lost(after, model.config.track_loss_count) else (after, False)
 
 

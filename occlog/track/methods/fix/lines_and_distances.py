@@ -218,7 +218,7 @@ def _starts(
     soft = at.residual / np.sqrt(variance)
     best = _local_minima(_cost(soft, errors.widened(variance)).reshape(GRID, GRID), MAX_STARTS)
     differs = np.concatenate([np.zeros(len(lines.sigma), dtype=np.bool_), distances.kind == DIFFERENCE])
-    met = [(pair, _meetings(soft[:, pair])) for pair in _pairs(differs)]
+    met = [(pair, _intersections(soft[:, pair])) for pair in _pairs(differs)]
     own = np.zeros((len(best) + sum(len(positions) for _, positions in met), len(errors.bend)), dtype=np.bool_)
     own[: len(best)] = True
     first = len(best)
@@ -247,7 +247,7 @@ def _pairs(differs: Bools) -> list[list[int]]:
     return [pair for pair in every if differs[pair].any()][:PAIRS]
 
 
-def _meetings(soft: Floats) -> Ints:
+def _intersections(soft: Floats) -> Ints:
     """Return flat indices of grid positions where two measurements intersect.
 
     `soft` (GRID^2, 2) has their residuals at the grid's positions, in standard deviations.

@@ -346,7 +346,7 @@ def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int],
     the track is tentative. Unlabelled ones begin tracks only with joint association and a birth probability above 0.
     """
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
-    config, born = world.config, []
+    config, initiated = world.config, []
     unaided = config.birth_probability > 0.0 and config.association == "joint"
     for label, bearing, sigma in zip(free.target_id.tolist(), free.bearing.tolist(), free.sigma.tolist(), strict=True):
         if unaided or label != UNLABELLED_TRACK:
@@ -354,15 +354,15 @@ def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int],
             if track.number in numbers:
                 track = track._replace(number=TENTATIVE)
             numbers.add(track.number)
-            born.append(new_track(world, track)._replace(arrays=(array,)))
-    return born
+            initiated.append(new_track(world, track)._replace(arrays=(array,)))
+    return initiated
 
 
 def _with_hit(m: Moved, t_ns: int) -> Track:
     """Return the track; if it was heard in the scan, with one more hit (unless it is new) and `t_ns` as its last."""
     if not m.heard:
         return m.track
-    return m.track._replace(hits=m.track.hits + (not m.born), met_ns=t_ns)
+    return m.track._replace(hits=m.track.hits + (not m.initiated), met_ns=t_ns)
 
 
 def _existing_tracks(track: Track, t_ns: int, config: ImmConfig) -> bool:

@@ -100,7 +100,7 @@ class Moved(NamedTuple):
     predicted: Floats  # (J, L, 4)
     prior: Floats  # (J, L) before the scan
     weights: Floats  # (J, L)
-    born: bool = False
+    initiated: bool = False
     heard: bool = False  # a bearing of the scan is more likely than not of it
     arrays: tuple[int, ...] = ()  # that listened
 
@@ -266,7 +266,7 @@ def new_track(world: ImmWorld, track: Track) -> Moved:
     """Return a new track at its initial time, as one that the scan moved and heard; models are equally likely."""
     J, L = len(world.models), len(track.cloud.states)
     prior = np.full((J, L), 1.0 / (J * L))
-    return Moved(track, np.repeat(track.cloud.states[None], J, axis=0), prior, prior, born=True, heard=True)
+    return Moved(track, np.repeat(track.cloud.states[None], J, axis=0), prior, prior, initiated=True, heard=True)
 
 
 def switching(models: int, dt: float, hold_s: float | None) -> Floats | None:

@@ -59,7 +59,7 @@ class Direct3dState(NamedTuple):
     log_weights: Floats  # (L,)
     near: Floats  # (2,) about where the target is
     t_ns: int | None
-    astray: Ints  # (S,) see `is_contradicted`
+    loss_count: Ints  # (S,) see `is_contradicted`
     begun: bool = True  # restarted with the last scan
 
 
@@ -84,7 +84,7 @@ def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> Direct3dState:
         log_weights=np.full(cloud.shape[1], -math.log(n)),
         near=near,
         t_ns=None,
-        astray=np.zeros(len(space.ears.reach), dtype=np.int64),
+        loss_count=np.zeros(len(space.ears.reach), dtype=np.int64),
     )
 
 
@@ -95,10 +95,10 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
 
     def loss(draw: ScanUpdate) -> tuple[Ints, bool]:
         best = draw.cloud[:3, int(np.argmax(draw.weights))]
-        return is_contradicted(state.astray, agrees(best[None], heard, config.gate)[0], heard, config)
+        return is_contradicted(state.loss_count, agrees(best[None], heard, config.gate)[0], heard, config)
 
     # Propose and weigh ([Lee] Eqs. 2.6-2.7 by particles)
-    draw, astray = advance(
+    draw, loss_count = advance(
         elapsed(state.t_ns, scan.t_ns),
         config.max_gap_s,
         known=state.t_ns is not None or state.cloud.shape[1] > 0,
@@ -119,7 +119,7 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
         )
         weights = np.full(n, 1.0 / n)
     begun = state.t_ns is None or draw.fallback != ""
-    return Direct3dState(space, cloud, log_of(weights), mean[:2], scan.t_ns, astray, begun), estimate
+    return Direct3dState(space, cloud, log_of(weights), mean[:2], scan.t_ns, loss_count, begun), estimate
 
 
 def trace(state: Direct3dState) -> CloudTrace:
@@ -172,7 +172,7 @@ def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generat
     return ScanUpdate(cloud, weights, log_sum - math.log(len(weights)), reason)
 
 
-def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
+def is_contradicted(loss_count: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
     """Return the track-loss counter of each sensor, and whether the track is lost.
 
     It is lost when one sensor has contradicted it `track_loss_count` times more.  Every sensor counts by
@@ -181,20 +181,20 @@ def is_contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: Sp
     it may be the sensor that is wrong.
 
     Args:
-        astray: (S,) counts so far; below 0: not heard before so many reports.
+        loss_count: (S,) counts so far; below 0: not heard before so many reports.
         good: (N,) which sensors of the scan agree with the likeliest position.
         heard: the scan.
         config: settings of the method.
     """
     reports = np.diff(heard.sights.first) > 0
-    astray = astray.copy()
+    loss_count = loss_count.copy()
     for sensor in heard.sensor[reports & good]:
-        astray[sensor] = max(0, astray[sensor] - 1)
-    astray[heard.sensor[reports & ~good]] += 1
-    lost = is_lost(int(astray.max(initial=0)), config.track_loss_count)
+        loss_count[sensor] = max(0, loss_count[sensor] - 1)
+    loss_count[heard.sensor[reports & ~good]] += 1
+    lost = is_lost(int(loss_count.max(initial=0)), config.track_loss_count)
     if lost:
-        astray = np.where(astray > 0, -RESTART_BACKOFF * config.track_loss_count, 0)
-    return astray, lost
+        loss_count = np.where(loss_count > 0, -RESTART_BACKOFF * config.track_loss_count, 0)
+    return loss_count, lost
 
 
 def estimate_of(mean: Floats, covariance: Floats, draw: ScanUpdate, heard: ScanDirections, good: Bools) -> Estimate:

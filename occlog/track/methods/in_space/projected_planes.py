@@ -75,15 +75,15 @@ class PpsState(NamedTuple):
     joined: CombinedPosterior | None  # None: nothing is known
     pair: Pair
     t_ns: int | None
-    astray: Ints  # (S,) see `direct3d.is_contradicted`
+    loss_count: Ints  # (S,) see `direct3d.is_contradicted`
     begun: bool = True  # restarted with the last scan
 
 
 def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: ARG001
     """Return the state before the first scan, without particles; `rng` is not used."""
     space = make_space(scene, config)
-    astray = np.zeros(len(space.ears.reach), dtype=np.int64)
-    return PpsState(space, plane_motions(space.motion), (), np.zeros((12, 12)), None, NOTHING, None, astray)
+    loss_count = np.zeros(len(space.ears.reach), dtype=np.int64)
+    return PpsState(space, plane_motions(space.motion), (), np.zeros((12, 12)), None, NOTHING, None, loss_count)
 
 
 def plane_motions(motion: AccelerationModel) -> tuple[AccelerationModel, ...]:
@@ -112,12 +112,12 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
         They are lost if sensors contradicted them for several scans, or if a plane in use explains no measurement.
         """
         if isinstance(found, ScanUpdate):
-            return state.astray, False
+            return state.loss_count, False
         agree = agrees(found.joined.mean[None, :3], heard, config.gate)[0]
-        astray, lost = is_contradicted(state.astray, agree, heard, config)
-        return astray, lost or not all(math.isfinite(f.log_evidence) for f in found.used)
+        loss_count, lost = is_contradicted(state.loss_count, agree, heard, config)
+        return loss_count, lost or not all(math.isfinite(f.log_evidence) for f in found.used)
 
-    found, astray = advance(
+    found, loss_count = advance(
         elapsed(state.t_ns, scan.t_ns),
         config.max_gap_s,
         known=state.joined is not None,
@@ -126,14 +126,14 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
         loss=loss,
     )
     if isinstance(found, ScanUpdate):
-        return _started(state._replace(astray=astray), scan.t_ns, heard, angles, found, rng)
+        return _started(state._replace(loss_count=loss_count), scan.t_ns, heard, angles, found, rng)
     after = state._replace(
         clouds=found.clouds,
         errors=found.errors,
         joined=found.joined,
         pair=found.pair,
         t_ns=scan.t_ns,
-        astray=astray,
+        loss_count=loss_count,
         begun=False,
     )
     ess, log_sum = min(f.ess for f in found.used), sum(f.log_evidence for f in found.used)

@@ -40,7 +40,7 @@ class AssociationFeatures:
     """Statistics of association features over all boxes so far, and the mean appearance of each person."""
 
     score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, clutter boxes
-    likeness: Floats  # (2, 3) sums of similarities: to the same person, to others
+    similarities: Floats  # (2, 3) sums of similarities: to the same person, to others
     key: Ints  # (N,) people whom the rest is of
     hint: Ints  # (N, C) last tracklet id in each camera; NO_ID: no id
     appearance: Floats  # (N, K) running mean; NaN: none
@@ -171,7 +171,7 @@ def log_feature_ratios(
             np.where(mine, LOG_RATIO_SAME_TRACKLET, np.where(taken, LOG_RATIO_OTHER_TRACKLET, 0.0)),
         )
         if dimension:
-            out[:, start:stop] += log_ratio(cues.likeness, similarity(gallery, appearance_of(frame, dimension)))
+            out[:, start:stop] += log_ratio(cues.similarities, similarity(gallery, appearance_of(frame, dimension)))
         start = stop
     return out, log_ratio(cues.score, score)
 
@@ -198,7 +198,7 @@ def update_features(
         sure: (N,) people who surely exist.
     """
     hint, gallery = _features_of(cues, people, dimension)
-    score, alike = cues.score.copy(), cues.likeness.copy()
+    score, similar = cues.score.copy(), cues.similarities.copy()
     start = 0
     for frame in frames:
         stop = start + len(frame.boxes)
@@ -211,9 +211,9 @@ def update_features(
         if dimension:
             seen = appearance_of(frame, dimension)
             like = similarity(gallery, seen)
-            _add(alike[SAME_TARGET], like[mine])
+            _add(similar[SAME_TARGET], like[mine])
             # Others: the boxes that are surely of another person
-            _add(alike[OTHER_TARGET], like[(~mine) & mine.any(axis=0) & sure[:, None]])
+            _add(similar[OTHER_TARGET], like[(~mine) & mine.any(axis=0) & sure[:, None]])
             new = seen[box]
             old = gallery[person]
             mixed = np.where(
@@ -221,7 +221,7 @@ def update_features(
             )
             gallery[person] = np.where(np.isnan(new), old, mixed)
         start = stop
-    return replace(cues, score=score, likeness=alike, key=people.key, hint=hint, appearance=gallery)
+    return replace(cues, score=score, similarities=similar, key=people.key, hint=hint, appearance=gallery)
 
 
 def count_clutter_scores(cues: AssociationFeatures, scores: Floats) -> AssociationFeatures:

@@ -146,8 +146,8 @@ def correlated_noise_factor(edges: EdgeErrorStatistics, between: float = 1.0) ->
 
     If one of `between` frames of a camera is used, r is the frame-to-frame correlation to this power.
     """
-    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MAX_NOISE_CORRELATION) ** between)
-    return (1.0 + alike) / (1.0 - alike)
+    similar = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MAX_NOISE_CORRELATION) ** between)
+    return (1.0 + similar) / (1.0 - similar)
 
 
 def update_edge_errors(

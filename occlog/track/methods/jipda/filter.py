@@ -317,7 +317,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
         MIN_VISIBILITY_TO_LEARN,
     )
     good &= result.odd < 0.5
-    settled = (t_ns - people.born_ns >= VELOCITY_SETTLING_S * NS)[result.owner] if N else good
+    settled = (t_ns - people.initiated_ns >= VELOCITY_SETTLING_S * NS)[result.owner] if N else good
     clocks = update_clocks(
         state.clocks,
         t_ns,
@@ -412,7 +412,7 @@ def step(state: JipdaState, frames: Sequence[FrameDetections]) -> tuple[JipdaSta
     events = [Event("initiated", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(new)]
     events += [Event("terminated", int(ids[k]), NO_ID, float(people.existence[k])) for k in np.flatnonzero(left)]
     # Tracks old enough to have a velocity update the birth map, tracks that end the departure map
-    age = (t_ns - people.born_ns) / NS
+    age = (t_ns - people.initiated_ns) / NS
     sure = people.id != NO_ID
     grown = sure & (age >= VELOCITY_SETTLING_S) & (age - dt < VELOCITY_SETTLING_S)
     birth_map = update_map(

@@ -71,7 +71,7 @@ class TargetSet:
     static_box: Floats  # (N, 4) last box in it [px]
     static_known: Bools  # (N,) the box is at an established source of clutter
     static_log_odds: Floats  # (N,) log odds that the track is static clutter of this camera
-    born_ns: Ints  # (N,)
+    initiated_ns: Ints  # (N,)
     hidden: Floats  # (N, C) probability that something unknown hides them from each camera
     separated_ns: Ints  # (N,) when they last stood apart from all other people
     first: Floats  # (N, 2) where they were detected first
@@ -126,7 +126,7 @@ def tentative_targets(
         static_box=np.zeros((K, 4)),
         static_known=np.zeros(K, dtype=np.bool_),
         static_log_odds=np.full(K, PRIOR_STATIC_LOG_ODDS),
-        born_ns=np.full(K, t_ns, dtype=np.int64),
+        initiated_ns=np.full(K, t_ns, dtype=np.int64),
         hidden=np.zeros((K, cameras)),
         separated_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),

@@ -80,7 +80,7 @@ class JointState(NamedTuple):
     floor: Floor | None  # where objects can be; None: the scene has no room
     anywhere: Gaussian
     objects: tuple[int, ...]  # their identities, in the order in which they were first seen
-    astray: tuple[int, ...]  # of each, rows outside the gate more than inside
+    loss_count: tuple[int, ...]  # of each, rows outside the gate more than inside
     particles: Floats  # (L, M, 4) x, y, vx, vy of each object
     unperceivable: Floats  # (L, M) probabilities that no detector can detect the object
     uncertain: frozenset[int] = frozenset()  # objects that the next scan initiates again: few particles were effective
@@ -139,8 +139,8 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     objects = (*state.objects, *begun)
     lost = [
         t
-        for t, astray in zip(state.objects, state.astray, strict=True)
-        if is_lost(astray, config.track_loss_count) and len(reports[t].rows.sensor)
+        for t, loss_count in zip(state.objects, state.loss_count, strict=True)
+        if is_lost(loss_count, config.track_loss_count) and len(reports[t].rows.sensor)
     ]
     # Propose object by object, and weigh by what was linearised
     particles, log_weights = np.empty((L, len(objects), 4)), np.zeros((L, len(objects)))
@@ -152,18 +152,18 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     restarted = dict.fromkeys((*again, *begun), "") | dict.fromkeys(lost, "restart")
     if gap:
         restarted |= dict.fromkeys(state.objects, "gap")
-    astray = dict(zip(state.objects, state.astray, strict=True))
+    loss_count = dict(zip(state.objects, state.loss_count, strict=True))
     for j, target in enumerate(objects):
         rows = reports[target].rows
         if target in restarted:
             particles[:, j], log_weights[:, j], drawn[j] = _placed(rows, state, rng)
-            astray[target] = 0
+            loss_count[target] = 0
             continue
         before = state.particles[:, j]
         known = Gaussian(*mean_and_covariance(np.full(L, 1.0 / L), before))
         known = predicted(known, *motion_of(config).transition(dt))
         inside = gated_rows(known, rows, linearise(known.mean[:2], rows, state.world), config.gate)
-        astray[target] = track_loss_count(astray[target], int(np.count_nonzero(~inside)), len(inside))
+        loss_count[target] = track_loss_count(loss_count[target], int(np.count_nonzero(~inside)), len(inside))
         particles[:, j], log_weights[:, j], drawn[j] = _proposed(before, rows.take(inside), dt, state, rng)
     if not objects:
         return state._replace(t_ns=scan.t_ns), []
@@ -201,7 +201,7 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     drawn_rows = systematic_ancestors(weights, L, rng.random())
     after = state._replace(
         objects=objects,
-        astray=tuple(astray[t] for t in objects),
+        loss_count=tuple(loss_count[t] for t in objects),
         particles=particles[drawn_rows],
         unperceivable=hidden[drawn_rows],
         uncertain=frozenset((*waiting, *few)),

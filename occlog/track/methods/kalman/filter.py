@@ -66,7 +66,7 @@ class KalmanState(NamedTuple, Generic[K]):
     anywhere: Gaussian  # before anything was seen
     known: Gaussian
     t_ns: int | None
-    astray: int  # reports outside the gate more than inside, since they last were even
+    loss_count: int  # reports outside the gate more than inside, since they last were even
     false: FalseBearings = FalseBearings()
     link: PosteriorRecord | None = None  # what the last step leaves for the way back
 
@@ -201,18 +201,18 @@ def stepper(
             return probable._replace(done=probable.done._replace(state=both))
 
         def loss(taken: KalmanUpdate) -> tuple[int, bool]:
-            count = 0 if taken.restarted else _track_loss(state.astray, packed, taken, stations)
+            count = 0 if taken.restarted else _track_loss(state.loss_count, packed, taken, stations)
             lost = not taken.restarted and (
                 is_lost(count, config.track_loss_count) or left_scene(taken.done.state, world)
             )
             return (0, True) if lost else (count, False)
 
         known = state.t_ns is not None or config.start is not None
-        (done, used, false, begun, restarted, _), astray = advance(
+        (done, used, false, begun, restarted, _), loss_count = advance(
             dt, config.max_gap_s, known=known, initiate=initiate, update=predict_and_update, loss=loss
         )
         link = PosteriorRecord(done.state, 0.0 if restarted else dt, begun=begun)
-        state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, false=false, link=link)
+        state = state._replace(known=done.state, t_ns=scan.t_ns, loss_count=loss_count, false=false, link=link)
         estimate = _estimate(done, packed, used)
         return state, estimate if distances is None else with_distances(estimate, distances)
 

@@ -34,8 +34,8 @@ from .kernels.interior_point import covariance
 from .kernels.invariant import second_moment
 from .kernels.paths_around_obstacles import Obstacle, PathsAroundObstacles
 from .kernels.problem import QuadraticPriors
-from .kernels.terms import hints_cost
-from .occlusion import OccluderHints
+from .kernels.terms import priors_cost
+from .occlusion import OccluderTerms
 from .record import TargetRecord
 from .search.problem_of_record import Pending, problem_of
 from .search.robust import RivalMode, RobustSearchResult, Watch, has_converged, search_from
@@ -210,7 +210,7 @@ def _once(
     """
     square = pending.config.loss == "square"
     hints = terms(rows, record.measured_state, path.X, square=square, wide=wide)
-    occlusion = OccluderHints(np.zeros(len(path.agree)), hints)
+    occlusion = OccluderTerms(np.zeros(len(path.agree)), hints)
     return search_from(pending, record, around, watch, path, (1.0, 1.0), among=occlusion)
 
 
@@ -237,7 +237,7 @@ def _cost(rows: RangeMeasurements, state: Ints, found: RobustSearchResult) -> fl
     if found.biases is not None:
         rows, prior = found.biases.corrected(rows), found.biases.cost(rows)
     own = log_density(residuals_at_own_position(rows, X[state][:, ::2])[0], rows.errors)
-    return float(found.mode.solution.cost - hints_cost(found.hints.hints, X) - own.sum() + prior)
+    return float(found.mode.solution.cost - priors_cost(found.hints.hints, X) - own.sum() + prior)
 
 
 def local(rows: RangeMeasurements, origin: Floats) -> RangeMeasurements:

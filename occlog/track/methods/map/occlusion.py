@@ -45,7 +45,7 @@ MIN_CAVITY_SHARE = 1e-6
 """Minimum share of the state's information that must come from other sources for priors of occluders to be used."""
 
 
-class OccluderHints(NamedTuple):
+class OccluderTerms(NamedTuple):
     """Effect of occluders on N lines of sight and T states."""
 
     lean: Floats  # (N,) added to the log odds that each is true, at most 0
@@ -53,8 +53,8 @@ class OccluderHints(NamedTuple):
 
 
 def occlusion_terms(
-    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderHints | None
-) -> OccluderHints:
+    pending: Pending, record: TargetRecord, X: Floats, spread: Floats, inlier: Bools, before: OccluderTerms | None
+) -> OccluderTerms:
     """Compute the occluder terms along a trajectory.
 
     Args:
@@ -107,7 +107,7 @@ def occlusion_terms(
         # The Gaussian factor that leads to the same moments
         site = matched(points, weights * np.exp(temper * (total - total.max())), mean, covariance)
         made.append((t, *(site if reported is None else _between(reported, site))))
-    return OccluderHints(lean, _hints(made))
+    return OccluderTerms(lean, _hints(made))
 
 
 def _detection(pending: Pending, i: int) -> float:

@@ -82,13 +82,13 @@ def windows_of(
         # The last window may go on in the next chunk
         begun = first + (last - first) // window_ns * window_ns
         cut = int(np.searchsorted(rows.t_ns, begun))
-        yield _gathered(rows.take(slice(0, cut)), readers, first, window_ns)
+        yield _collected(rows.take(slice(0, cut)), readers, first, window_ns)
         rest = rows.take(slice(cut, None))
     if first is not None:
-        yield _gathered(rest, readers, first, window_ns)
+        yield _collected(rest, readers, first, window_ns)
 
 
-def _gathered(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -> Windows:
+def _collected(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -> Windows:
     """Return reads grouped by window and tag, in the order of time.
 
     `readers` are the names of the columns, `first` is the time at which the first window begins [ns].

@@ -132,7 +132,7 @@ class _Scored(NamedTuple):
     """Scores of all pairs of N tracks and M boxes."""
 
     ratio: Floats  # (N, M) log likelihood ratio of the pair to a miss and clutter; -inf: beyond the gate
-    likeness: Floats  # (N, M) similarity of appearance; NaN: not known
+    similarities: Floats  # (N, M) similarity of appearance; NaN: not known
     stopped: Bools  # (N, M) the box is near the last one, and off the predicted path
     missed: Bools  # (N,) the track had no box in the frame before
     detection: Floats  # (N,) probability of detection
@@ -185,16 +185,16 @@ class SortFilter:
         detected[target] = True
         events += self._confirm()
         free = np.setdiff1d(np.arange(len(rows)), box)
-        born = self._begin(free, boxes, z, noise, score, appearance)
+        initiated = self._begin(free, boxes, z, noise, score, appearance)
         keys = np.concatenate([self.targets.key[target], self.targets.key[len(detected) :]])
         detected, visible = (
-            np.append(detected, np.ones(len(born), dtype=np.bool_)),
-            np.append(visible, np.ones(len(born))),
+            np.append(detected, np.ones(len(initiated), dtype=np.bool_)),
+            np.append(visible, np.ones(len(initiated))),
         )
         shown = self._shown(detected)
         out = self._rows(found.t_ns, frame, shown, detected, visible)
         events += self._end(detected)
-        return out._replace(events=tuple(events), keys=keys, of_keys=rows[np.concatenate([box, born])])
+        return out._replace(events=tuple(events), keys=keys, of_keys=rows[np.concatenate([box, initiated])])
 
     def finish(self) -> tuple[Event, ...]:
         """Return the events of encounters that are going on at the end."""
@@ -258,9 +258,9 @@ class SortFilter:
         ratio += (np.log(detection) - np.log1p(-detection))[:, None] + self.learned.log_score_ratio(score, area)[
             None, :
         ]
-        likeness = similarity(at.appearance, appearance) if appearance.shape[1] else np.full(ratio.shape, np.nan)
-        ratio += log_ratio(self.learned.likeness, np.where((at.boxes > 1)[:, None], likeness, np.nan))
-        return _Scored(np.where(near, ratio, -np.inf), likeness, coasts & (there > here), missed, detection)
+        similarities = similarity(at.appearance, appearance) if appearance.shape[1] else np.full(ratio.shape, np.nan)
+        ratio += log_ratio(self.learned.similarities, np.where((at.boxes > 1)[:, None], similarities, np.nan))
+        return _Scored(np.where(near, ratio, -np.inf), similarities, coasts & (there > here), missed, detection)
 
     def _strolled(self) -> Floats:
         """Return (N, 4) variances of people who may have left the predicted path after their last box."""
@@ -290,10 +290,10 @@ class SortFilter:
         confirmed = at.id[target] >= 0
         learned.add_scores(score, box[confirmed], np.setdiff1d(np.arange(len(score)), box))
         plain = confirmed & sure[target] & (visible[target] > MIN_VISIBLE_TO_LEARN) & (at.boxes[target] > 2)
-        learned.add_likeness(SAME_TARGET, scored.likeness[target[plain], box[plain]])
+        learned.add_similarity(SAME_TARGET, scored.similarities[target[plain], box[plain]])
         if plain.sum() > 1:
-            cross = scored.likeness[np.ix_(target[plain], box[plain])]
-            learned.add_likeness(OTHER_TARGET, cross[~np.eye(len(cross), dtype=np.bool_)])
+            cross = scored.similarities[np.ix_(target[plain], box[plain])]
+            learned.add_similarity(OTHER_TARGET, cross[~np.eye(len(cross), dtype=np.bool_)])
 
     def _update(
         self, z: Floats, noise: Floats, appearance: Floats, scored: _Scored, visible: Floats,
@@ -316,7 +316,7 @@ class SortFilter:
         mean, cov = updated(at.mean[target], at.cov[target], z[box], noise[box])
         if stopped.any():
             since = np.maximum(at.coasting_s[target[stopped]], max(dt, 1e-9))[:, None]
-            again = _born(z[box[stopped]], noise[box[stopped]], 0.5 * self.config.sigma_speed)
+            again = _initiated(z[box[stopped]], noise[box[stopped]], 0.5 * self.config.sigma_speed)
             again[0][:, :2, 1] = ((z[box[stopped]] - at.last[target[stopped]]) / since)[:, :2]
             mean[stopped], cov[stopped] = again
         at.mean[target], at.cov[target] = mean, cov
@@ -359,28 +359,28 @@ class SortFilter:
             appearance: (M, K) of the boxes.
         """
         at = self.targets
-        born = free[~(score[free] < self.config.birth_score)]
-        prior = self.learned.birth_probability(score[born])
-        if len(at.id) and len(born):
+        initiated = free[~(score[free] < self.config.birth_score)]
+        prior = self.learned.birth_probability(score[initiated])
+        if len(at.id) and len(initiated):
             tracked = boxes_of(at.mean[..., 0])
-            apart = overlaps(boxes[born], tracked).max(axis=1) < MAX_BIRTH_OVERLAP
-            born, prior = born[apart], prior[apart]
+            apart = overlaps(boxes[initiated], tracked).max(axis=1) < MAX_BIRTH_OVERLAP
+            initiated, prior = initiated[apart], prior[apart]
             # A box on a person is rather a second box of that person than another person
-            area = np.prod(boxes[born, 2:] - boxes[born, :2], axis=1)
-            covered = (intersections(boxes[born], tracked) / area[:, None]).max(axis=1, initial=0.0)
+            area = np.prod(boxes[initiated, 2:] - boxes[initiated, :2], axis=1)
+            covered = (intersections(boxes[initiated], tracked) / area[:, None]).max(axis=1, initial=0.0)
             prior = prior * (1.0 - 0.9 * np.clip(covered, 0.0, 1.0))
-        mean, cov = _born(z[born], noise[born], self.config.sigma_speed)
-        n = len(born)
+        mean, cov = _initiated(z[initiated], noise[initiated], self.config.sigma_speed)
+        n = len(initiated)
         self.targets = at.and_(
             Targets(
                 key=self._keys + np.arange(n), id=np.full(n, -1, dtype=np.int64), mean=mean, cov=cov,
-                last=z[born].copy(), last_var=noise[born].copy(), existence=prior,
-                boxes=np.ones(n, dtype=np.int64), coasting_s=np.zeros(n), appearance=appearance[born].copy()
+                last=z[initiated].copy(), last_var=noise[initiated].copy(), existence=prior,
+                boxes=np.ones(n, dtype=np.int64), coasting_s=np.zeros(n), appearance=appearance[initiated].copy()
                 if appearance.shape[1] else np.full((n, at.appearance.shape[1]), np.nan),
             )
         )  # fmt: skip
         self._keys += n
-        return born
+        return initiated
 
     def _shown(self, detected: Bools) -> Bools:
         """Return (N,) booleans: the track has an output row.
@@ -430,7 +430,7 @@ def match_probability(width: Floats, variance: Floats) -> Floats:
     return out
 
 
-def _born(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]:
+def _initiated(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]:
     """Return initial means (n, 4, 2) and covariances (n, 4, 3) of tracks from single boxes.
 
     `z` (n, 4) are the boxes' states, `noise` (n, 4) their variances, `sigma_speed` the standard deviation of a speed

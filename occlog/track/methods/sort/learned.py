@@ -41,7 +41,7 @@ class DetectorStatistics:
         self._true = PRIOR_BOXES * shares / shares.sum()
         self._false = 10.0 * np.array(CLUTTER_RATES)
         self._looks = 10.0
-        self.likeness = np.zeros((2, 3))
+        self.similarities = np.zeros((2, 3))
 
     def detection(self, visible: Floats) -> Floats:
         """Return (N,) detection probabilities of people by their visible share (N,)."""
@@ -70,8 +70,8 @@ class DetectorStatistics:
 
     def birth_probability(self, score: Floats) -> Floats:
         """Return (n,) probabilities, by the confidences `score` (n,), that unassigned boxes are of new people."""
-        born = BIRTHS_PER_FRAME * self._shares(score)
-        return np.clip(born / (born + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
+        initiated = BIRTHS_PER_FRAME * self._shares(score)
+        return np.clip(initiated / (initiated + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
 
     def add_scores(self, score: Floats, people: Ints, clutter: Ints) -> None:
         """Add a frame's confidences `score` (M,), by which boxes were of people.
@@ -83,13 +83,13 @@ class DetectorStatistics:
         self._looks = kept * self._looks + 1.0
         self._true += np.bincount(_scores(score[people]), minlength=SCORE_BINS + 1)[:SCORE_BINS]
 
-    def add_likeness(self, kind: int, values: Floats) -> None:
+    def add_similarity(self, kind: int, values: Floats) -> None:
         """Add appearance similarities to the same person or to others (`kind` SAME_TARGET or OTHER_TARGET).
 
         NaN is ignored.
         """
         known = values[np.isfinite(values)]
-        self.likeness[kind] += [len(known), known.sum(), (known**2).sum()]
+        self.similarities[kind] += [len(known), known.sum(), (known**2).sum()]
 
 
 def _interval(share: Floats, count: int) -> Ints:

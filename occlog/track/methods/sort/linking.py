@@ -26,7 +26,7 @@ from .kernels.motion import smooth
 
 CUT_OVERLAP = 0.3
 """Intersection over union of two people from which their identities are doubtful; both are cut at its maximum."""
-PARTED_S = 0.5
+SEPARATED_S = 0.5
 """Overlaps this far apart [s] are two encounters, and a gap of this length cuts a track."""
 STROLLED = 0.3
 """Probability that a person has stopped or turned in a gap."""
@@ -94,7 +94,7 @@ class Ends(NamedTuple):
 
 
 def linked(
-    tracks: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, area: float
+    tracks: Sequence[Boxes], times: Floats, config: SortConfig, similarities: Floats, area: float
 ) -> tuple[list[Boxes], list[Doubt]]:
     """Cut tracks where they are doubtful and link the tracklets; return them by first frame, with the doubtful links.
 
@@ -102,7 +102,7 @@ def linked(
         tracks: tracks of the filter.
         times: (F,) times of the frames [s].
         config: settings of the method.
-        likeness: (2, 3) sums of similarities to the same person and to others.
+        similarities: (2, 3) sums of similarities to the same person and to others.
         area: area of the image [px^2].
     """
     parts = cut(tracks, times)
@@ -110,7 +110,7 @@ def linked(
     # Density of people who appear: as many as the filter has found, over the image and the time
     births = len(tracks) / (area * max(float(times[-1] - times[0]), 1.0)) if len(times) else 1.0
     for _ in range(ROUNDS):
-        joined, found = _joined(parts, times, config, likeness, births)
+        joined, found = _joined(parts, times, config, similarities, births)
         doubts += found
         if len(joined) == len(parts):
             break
@@ -126,13 +126,13 @@ def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
     at: list[set[int]] = [set() for _ in tracks]
     for (a, b), seen in _encounters(tracks).items():
         frames = np.array(sorted(seen))
-        for run in np.split(frames, np.flatnonzero(np.diff(times[frames]) > PARTED_S) + 1):
+        for run in np.split(frames, np.flatnonzero(np.diff(times[frames]) > SEPARATED_S) + 1):
             nearest = max(run.tolist(), key=lambda f: seen[f])
             at[a].add(nearest)
             at[b].add(nearest)
     out: list[Boxes] = []
     for track, cuts in zip(tracks, at, strict=True):
-        long = np.diff(times[track.frame]) > PARTED_S
+        long = np.diff(times[track.frame]) > SEPARATED_S
         long &= np.diff(track.frame) > 2
         met = np.zeros(len(long), dtype=np.bool_)
         for f in cuts:
@@ -210,7 +210,7 @@ def _mean(appearance: Floats) -> Floats:
 
 
 def _joined(
-    parts: Sequence[Boxes], times: Floats, config: SortConfig, likeness: Floats, births: float
+    parts: Sequence[Boxes], times: Floats, config: SortConfig, similarities: Floats, births: float
 ) -> tuple[list[Boxes], list[Doubt]]:
     """Link tracklets with maximum total likelihood; return the linked tracks and the doubtful links.
 
@@ -218,7 +218,7 @@ def _joined(
         parts: tracklets.
         times: (F,) of the frames [s].
         config: settings of the method.
-        likeness: (2, 3) sums of similarities to the same person and to others.
+        similarities: (2, 3) sums of similarities to the same person and to others.
         births: people who appear per second and px^2.
     """
     if len(parts) < 2:
@@ -231,7 +231,7 @@ def _joined(
         after = order[low:high]
         if not len(after):
             continue
-        weight = link_ratios(ends, i, after, config, likeness, births)
+        weight = link_ratios(ends, i, after, config, similarities, births)
         good = weight > 0.0
         rows.append(np.full(int(good.sum()), i))
         columns.append(after[good])
@@ -306,7 +306,7 @@ def _one(parts: Iterable[Boxes]) -> Boxes:
     )
 
 
-def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: Floats, births: float) -> Floats:
+def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, similarities: Floats, births: float) -> Floats:
     """Return (n,) log likelihood ratios: tracklets `after` continue tracklet i versus are of new people.
 
     The person went on along the predicted path, or has stopped or turned in the gap.  `births` is the number of people
@@ -331,7 +331,7 @@ def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, likeness: F
     if ends.appearance.shape[1]:
         like = similarity(ends.appearance[i : i + 1], ends.appearance[after])[0]
         boxes = np.minimum(ends.boxes[i], ends.boxes[after])
-        out += log_ratio(likeness, like) * boxes / (boxes + TRUSTED_BOXES) * 2.0
+        out += log_ratio(similarities, like) * boxes / (boxes + TRUSTED_BOXES) * 2.0
     out += -gap[:, 0] / GAP_S - np.log(births)
     return np.asarray(out)
 

@@ -15,7 +15,7 @@ from occlog.core.metrics.mot.trajectory_gospa import (
     TrajectoryCosts,
     pieces_of,
     rows_within_cutoff,
-    sure_stretches,
+    sure_segments,
     trajectory_gospa,
 )
 
@@ -204,7 +204,7 @@ def walkers(seed: int, people: int, times: int) -> MatchedFrames:
 def test_cut_into_pieces_of_time_it_is_that_of_the_whole_program(seed: int) -> None:
     frames = walkers(seed, 3, 60)
     pairs = rows_within_cutoff(frames, 1.0, 2.0)
-    sure = sure_stretches(pairs, 1.0, 0.25)
+    sure = sure_segments(pairs, 1.0, 0.25)
     assert len(sure.first) > 5
     assert len(list(pieces_of(pairs, sure.pins(pairs), 60).blocks())) > 2
     assert trajectory_gospa(frames, 1.0, 0.5).total == pytest.approx(plain_program(frames, 1.0, 0.5, 2.0), rel=1e-9)
@@ -214,7 +214,7 @@ def test_cut_into_pieces_of_time_it_is_that_of_the_whole_program(seed: int) -> N
 def test_a_pair_is_sure_where_both_sides_gain_three_changes(switch: float, sure: list[int]) -> None:
     """Six frames that gain 0.75 each: three of them pay three changes of 0.75, two of them three of 0.5."""
     frames = of_points(rows(*line(1, range(6))), rows(*line(7, range(6), 0.5)), 1.0)
-    found = sure_stretches(rows_within_cutoff(frames, 1.0, 2.0), 1.0, switch)
+    found = sure_segments(rows_within_cutoff(frames, 1.0, 2.0), 1.0, switch)
     assert np.flatnonzero(found.rows).tolist() == list(sure)
 
 

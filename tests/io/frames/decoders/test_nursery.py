@@ -119,7 +119,7 @@ def test_who_was_forked_itself_has_a_nursery_of_its_own(tmp_path: Path) -> None:
     pid = os.fork()
     if pid == 0:
         try:
-            os._exit(0 if numbers() == [0, 1, 2] and nursery.NURSERY._others else 1)
+            os._exit(0 if numbers() == [0, 1, 2] and nursery.FORK_SERVER._others else 1)
         finally:
             os._exit(2)
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0

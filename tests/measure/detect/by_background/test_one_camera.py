@@ -19,8 +19,8 @@ from occlog.measure.detect.by_background.one_camera import (
     numbers_of,
     plain_image,
     process,
+    segments,
     shrink_of,
-    stretches,
 )
 from occlog.measure.detect.config import MAX_FOREGROUND, DetectConfig
 from occlog.records.frames import Frame
@@ -97,15 +97,15 @@ def test_images_of_people_of_unknown_size_are_shrunk_to_a_longest_side() -> None
 
 def test_frames_lost_in_a_row_for_one_reason_are_one_loss() -> None:
     lost = [(3, "torn"), (4, "torn"), (5, "small"), (6, "torn"), (8, "torn")]
-    got = [(loss.place, loss.what, loss.count) for loss in stretches("a", lost)]
+    got = [(loss.place, loss.what, loss.count) for loss in segments("a", lost)]
     assert got == [
         ("frames 3 to 4", "torn", 2),
         ("frame 5", "small", 1),
         ("frame 6", "torn", 1),
         ("frame 8", "torn", 1),
     ]
-    assert stretches("a", []) == ()
-    assert [numbers_of(loss) for loss in stretches("a", lost)] == [(3, 4), (5, 5), (6, 6), (8, 8)]
+    assert segments("a", []) == ()
+    assert [numbers_of(loss) for loss in segments("a", lost)] == [(3, 4), (5, 5), (6, 6), (8, 8)]
     assert numbers_of(Loss("a", "after frame 3", "torn")) is None
 
 

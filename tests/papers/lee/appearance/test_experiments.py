@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.papers.lee.appearance.coefficient import BINS, COEFFICIENT, coefficient_trial
-from occlog.papers.lee.appearance.faces import FACES, KNOWN, equal_error, faces_trial, likeness
+from occlog.papers.lee.appearance.faces import FACES, KNOWN, equal_error, faces_trial, similarities
 from occlog.papers.lee.appearance.motion import DIRECTIONS, MOTION, camera_of, seen_motion
 from occlog.papers.verdicts import IN_PART, NOT, REPRODUCED, UNDECIDED, PaperRow, Size
 
@@ -57,7 +57,7 @@ def test_all_printed_signs_of_motion_hold():
 
 def test_candidates_are_compared_at_their_own_angle():
     gallery = np.array([[[9.0, 0.0], [0.0, 9.0]], [[0.0, 9.0], [9.0, 0.0]]])  # two people, two angles
-    like = likeness(gallery, np.array([[5.0, 0.0], [5.0, 0.0]]), np.array([0, 1]))
+    like = similarities(gallery, np.array([[5.0, 0.0], [5.0, 0.0]]), np.array([0, 1]))
     assert like.argmax(axis=1).tolist() == [0, 1]
 
 

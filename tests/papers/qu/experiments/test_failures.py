@@ -66,9 +66,9 @@ def test_verdicts_follow_the_growth():
     found = {v.id.removeprefix("table2-rates-"): v.verdict for v in judge_failures(table(4.2))}
     assert found["bmct-growth"] == found["mcmc-growth"] == "reproduced"
     assert found["bmct-stable"] == found["mcmc-stable"] == "reproduced"
-    alike = {v.id.removeprefix("table2-rates-"): v.verdict for v in judge_failures(table(1.0))}
-    assert alike["mcmc-growth"] == "not reproduced"
-    assert len(alike) == 10
+    similar = {v.id.removeprefix("table2-rates-"): v.verdict for v in judge_failures(table(1.0))}
+    assert similar["mcmc-growth"] == "not reproduced"
+    assert len(similar) == 10
 
 
 @pytest.mark.jit

@@ -71,13 +71,13 @@ def test_a_tracker_is_led_astray_to_the_bare_wall_inside_the_image() -> None:
     decoys.DECOYS.compute(Size(5, 100), results)
     assert [spec["scene"] for spec in specs] == [scene for scene in decoys.SCENES for _ in range(5)]
     for spec in specs:
-        astray = spec["methods"]["CMCT"]["astray"]
+        diverted = spec["methods"]["CMCT"]["diverted"]
         config = BallsConfig(frames=100, balls=4)
         balls = ball_cameras(config)[0].project(staged_paths(config, spec["seed"], spec["scene"]).centres[10])
-        away = np.linalg.norm(balls - [astray["x"], astray["y"]], axis=1)
-        assert astray["frame"] == 10
-        assert 0 < astray["x"] < 320
-        assert 0 < astray["y"] < 240
+        away = np.linalg.norm(balls - [diverted["x"], diverted["y"]], axis=1)
+        assert diverted["frame"] == 10
+        assert 0 < diverted["x"] < 320
+        assert 0 < diverted["y"] < 240
         assert away.min() > 2.0 * 22.0
         assert away.argmin() != 0
 

@@ -70,9 +70,9 @@ def test_verdicts_follow_the_growth():
     assert as_printed["table2-bmct-particles"].paper == pytest.approx(1.0, abs=0.01)
     assert as_printed["table2-mcmc-particles"].paper == pytest.approx(4.25, abs=0.1)
     assert as_printed["table2-sir-exponential"].measured < 0.01
-    alike = {v.id: v for v in judge2(table(lambda n: 100 * n, lambda n: 80 * n**1.2, lambda n: 90.0 * n))}
-    assert alike["table2-mcmc-particles"].verdict == "in part"
-    assert alike["table2-sir-particles"].verdict == "not decided"  # as fast as BMCT, but for rounding
+    similar = {v.id: v for v in judge2(table(lambda n: 100 * n, lambda n: 80 * n**1.2, lambda n: 90.0 * n))}
+    assert similar["table2-mcmc-particles"].verdict == "in part"
+    assert similar["table2-sir-particles"].verdict == "not decided"  # as fast as BMCT, but for rounding
     other = {v.id: v for v in judge2(table(lambda n: n**2.0, lambda n: 100 * n, lambda n: n**2.0))}
     assert other["table2-bmct-particles"].verdict == "not reproduced"
     assert other["table2-mcmc-particles"].verdict == "not reproduced"

@@ -24,7 +24,7 @@ def mixed(n, rng):
     return WaypointParticles(xy, destination, rng.uniform(0, 2, n), rng.integers(0, 3, n))
 
 
-def alike(n, regime=TOWARDS, speed=1.5):
+def similar(n, regime=TOWARDS, speed=1.5):
     return WaypointParticles(
         np.tile([20.0, 20.0], (n, 1)), np.tile([60.0, 50.0], (n, 1)), np.full(n, speed), np.full(n, regime)
     )
@@ -69,7 +69,7 @@ def test_noise_of_the_velocity_alone_leaves_a_quarter_of_its_variance():
 def test_chances_are_the_frequencies_of_the_regimes(motion, regime, arrived, dt):
     n = 100_000
     there = np.full(n, arrived)
-    drawn = waypoint.choose_regimes(alike(n, regime), there, dt, motion, np.random.default_rng(2).random(n))
+    drawn = waypoint.choose_regimes(similar(n, regime), there, dt, motion, np.random.default_rng(2).random(n))
     chances = waypoint.regime_probabilities(np.full(1, regime), there[:1], dt, motion)[0]
     assert chances.sum() == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(np.bincount(drawn, minlength=3) / n, chances, atol=4 * 0.5 / np.sqrt(n))
@@ -89,10 +89,12 @@ def test_chances_of_a_step_longer_than_the_reference_step_are_those_of_one():
 def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, motion, before):
     n, dt, rng = 100_000, 0.4, np.random.default_rng(regime)
     goal = np.array([10.0, 35.0])
-    one = alike(1, before)
+    one = similar(1, before)
     _, mean, variance = waypoint.hypotheses(one, np.array([False]), goal[None], AT_ONCE, dt, motion)
     goals = np.tile(goal, (n, 1))
-    after = waypoint.move(alike(n, before), np.full(n, regime), goals, AT_ONCE, rng.standard_normal((n, 4)), dt, motion)
+    after = waypoint.move(
+        similar(n, before), np.full(n, regime), goals, AT_ONCE, rng.standard_normal((n, 4)), dt, motion
+    )
     spread = np.sqrt(variance[regime, 0])
     np.testing.assert_allclose(after.xy.mean(axis=0), mean[regime, 0], atol=max(4 * spread / np.sqrt(n), 1e-9))
     if variance[regime, 0] > MIN_STEP_VARIANCE:
@@ -107,11 +109,11 @@ def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, m
 def test_changes_at_any_time_of_a_step_have_the_moments_of_short_steps(motion, before):
     """A particle that goes on for u of 400 short steps, u drawn evenly, and then to its new destination."""
     n, dt, parts, rng = 40_000, 0.4, 400, np.random.default_rng(11)
-    one, goal = alike(1, before), np.array([10.0, 35.0])
+    one, goal = similar(1, before), np.array([10.0, 35.0])
     u = (rng.permutation(n) + 0.5) / n
     quiet = motion._replace(sigma=0.0, sigma_velocity=0.0, phi=0.0)
     regime, goals = np.full(n, CHANGE), np.tile(goal, (n, 1))
-    after = waypoint.move(alike(n, before), regime, goals, u, np.zeros((n, 4)), dt, quiet)
+    after = waypoint.move(similar(n, before), regime, goals, u, np.zeros((n, 4)), dt, quiet)
     # Short steps of one particle, the first k of them as before
     old = waypoint.hypotheses(one, np.array([False]), goal[None], np.zeros(1), dt, quiet)[1]
     held = (old[WAIT if before == WAIT else TOWARDS, 0] - one.xy[0]) / parts
@@ -120,7 +122,7 @@ def test_changes_at_any_time_of_a_step_have_the_moments_of_short_steps(motion, b
     np.testing.assert_allclose(after.xy.mean(axis=0), path.mean(axis=0), atol=1e-6)
     np.testing.assert_allclose(np.cov(after.xy.T), np.cov(path.T, bias=True), rtol=1e-2, atol=1e-9)
     # The approximations of all particles have the positions at which they change
-    _, mean, variance = waypoint.hypotheses(alike(n, before), np.zeros(n, dtype=bool), goals, u, dt, quiet)
+    _, mean, variance = waypoint.hypotheses(similar(n, before), np.zeros(n, dtype=bool), goals, u, dt, quiet)
     np.testing.assert_allclose(mean[CHANGE], after.xy, atol=1e-9)
     assert (variance[CHANGE] == MIN_STEP_VARIANCE).all()
 
@@ -144,8 +146,8 @@ def test_hypotheses_of_a_particle_sum_to_one_and_are_never_without_variance():
 @pytest.mark.jit
 def test_the_velocity_of_a_moving_particle_diffuses_and_turns_its_destination_with_it():
     n, dt, rng = 100_000, 0.5, np.random.default_rng(5)
-    start = alike(n)
-    before = waypoint.velocities(alike(1))[0]
+    start = similar(n)
+    before = waypoint.velocities(similar(1))[0]
     after = waypoint.move(
         start, np.full(n, TOWARDS), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, PEOPLE
     )
@@ -164,7 +166,7 @@ def test_the_velocity_of_a_moving_particle_diffuses_and_turns_its_destination_wi
 def test_place_and_velocity_are_correlated_as_white_acceleration_correlates_them():
     n, dt, rng = 100_000, 0.5, np.random.default_rng(6)
     after = waypoint.move(
-        alike(n), np.full(n, TOWARDS), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, PEOPLE
+        similar(n), np.full(n, TOWARDS), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, PEOPLE
     )
     velocity = waypoint.velocities(after)
     both = np.cov(after.xy[:, 0], velocity[:, 0])[0, 1]
@@ -174,7 +176,7 @@ def test_place_and_velocity_are_correlated_as_white_acceleration_correlates_them
 @pytest.mark.jit
 def test_one_that_waits_jitters_and_keeps_speed_and_destination():
     n, dt, rng = 100_000, 0.2, np.random.default_rng(7)
-    before = alike(n)
+    before = similar(n)
     after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, PEOPLE)
     expected = PEOPLE.sigma_waiting**2 * dt
     np.testing.assert_allclose(np.cov(after.xy.T), expected * np.eye(2), atol=6 * expected / np.sqrt(n))
@@ -197,7 +199,7 @@ def test_one_that_stands_decides_to_leave_once_in_the_time_it_waits_and_goes_els
 @pytest.mark.parametrize("stood", [False, True])
 def test_one_that_stands_creeps_as_white_acceleration_moves_it_and_keeps_its_speed(stood):
     n, dt, rng = 100_000, 0.5, np.random.default_rng(8)
-    before = alike(n, WAIT if stood else TOWARDS)
+    before = similar(n, WAIT if stood else TOWARDS)
     after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), AT_ONCE, rng.standard_normal((n, 4)), dt, STAND)
     creep = waypoint.headings(after, STAND)[:, 2:4]
     q = STAND.sigma_creep**2
@@ -212,8 +214,8 @@ def test_one_that_stands_creeps_as_white_acceleration_moves_it_and_keeps_its_spe
 
 def test_one_that_stands_without_any_noise_stays_where_it_is():
     still = STAND._replace(sigma_waiting=0.0, sigma_creep=0.0)
-    after = waypoint.move(alike(5), np.full(5, WAIT), np.empty((0, 2)), AT_ONCE, np.ones((5, 4)), 0.5, still)
-    np.testing.assert_array_equal(after.xy, alike(5).xy)
+    after = waypoint.move(similar(5), np.full(5, WAIT), np.empty((0, 2)), AT_ONCE, np.ones((5, 4)), 0.5, still)
+    np.testing.assert_array_equal(after.xy, similar(5).xy)
     np.testing.assert_array_equal(waypoint.headings(after, still)[:, 2:4], 0.0)
 
 
@@ -250,7 +252,7 @@ def test_without_the_added_noises_a_step_is_the_papers(seed):
 
 
 def test_headings_hold_place_and_velocity_also_of_those_that_wait():
-    p = alike(3)._replace(regime=np.array([TOWARDS, CHANGE, WAIT]))
+    p = similar(3)._replace(regime=np.array([TOWARDS, CHANGE, WAIT]))
     np.testing.assert_allclose(waypoint.headings(p, PEOPLE), [[20.0, 20.0, 1.2, 0.9, 1.5]] * 3)
     still = p._replace(destination=p.xy)
     np.testing.assert_allclose(waypoint.headings(still, PEOPLE), [[20.0, 20.0, 0.0, 0.0, 1.5]] * 3)

@@ -14,8 +14,8 @@ from occlog.track.methods.apf.kernels.pose_errors import (
     PRIOR_COUNT,
     LabelledBearings,
     evidence,
+    intersection_point,
     jacobians,
-    meeting_point,
     prior_belief,
     residuals,
     solve,
@@ -93,14 +93,14 @@ def test_the_variance_of_any_covariance_is_that_of_drawn_errors():
 def test_lines_without_noise_meet_at_the_target():
     errors, path, scans = make(2, scans=20, noise=0.0)
     for xy, sights in zip(path, scans, strict=True):
-        found = meeting_point(sights, PLACES, errors, xy + 5.0)
+        found = intersection_point(sights, PLACES, errors, xy + 5.0)
         assert found is not None
         np.testing.assert_allclose(found, xy, atol=1e-5)
 
 
 def test_lines_that_do_not_meet_in_front_are_refused():
     sights = LabelledBearings(np.arange(2), np.array([np.pi * 0.9, 0.1]), np.full(2, 1e-4))
-    assert meeting_point(sights, PLACES, np.zeros((5, 3)), np.array([50.0, 50.0])) is None
+    assert intersection_point(sights, PLACES, np.zeros((5, 3)), np.array([50.0, 50.0])) is None
 
 
 @given(seed=st.integers(0, 10_000))
@@ -243,7 +243,7 @@ def test_a_target_much_nearer_to_one_sensor_than_to_the_others_is_refused(share,
     target = np.array([0.0, 100.0 * ratio / np.sqrt(1.0 - ratio**2)])
     away = target - positions
     sights = LabelledBearings(np.arange(2), np.arctan2(away[:, 1], away[:, 0]), np.full(2, 1e-6))
-    assert (meeting_point(sights, positions, np.zeros((2, 3)), target * 1.02) is not None) == found
+    assert (intersection_point(sights, positions, np.zeros((2, 3)), target * 1.02) is not None) == found
 
 
 def test_evidence_for_fixed_errors_grows_with_scans_of_fixed_errors():

@@ -38,10 +38,10 @@ def live(regions, config=None, geometry=ROWS, trackers=None, moments=10):
     config, trackers, state = config or ViewsConfig(), dict(trackers or {}), empty_candidates(2)
     births, ends = [], []
     for k in range(moments):
-        state, born, ended = initiate_and_terminate(state, regions(k), trackers, VIEWS, geometry, config)
-        births += [(k, b.view, b.target_id, b.ellipse[0]) for b in born]
+        state, initiated, ended = initiate_and_terminate(state, regions(k), trackers, VIEWS, geometry, config)
+        births += [(k, b.view, b.target_id, b.ellipse[0]) for b in initiated]
         ends += [(k, key) for key in ended]
-        trackers |= {(b.view, b.target_id): b.ellipse for b in born}
+        trackers |= {(b.view, b.target_id): b.ellipse for b in initiated}
         for key in ended:
             del trackers[key]
     return births, ends
@@ -122,8 +122,8 @@ def test_a_target_whose_tracker_ended_in_this_moment_begins_in_the_next():
     for k in range(4):
         gone = {(1, 0)} if k == 2 else ()
         both = [rows(disc(50, 60)), rows(disc(90, 60))]
-        state, born, _ = initiate_and_terminate(state, both, there, VIEWS, ROWS, ViewsConfig(), gone=gone)
-        assert [(b.view, b.target_id) for b in born] == ([(1, 0)] if k == 3 else [])
+        state, initiated, _ = initiate_and_terminate(state, both, there, VIEWS, ROWS, ViewsConfig(), gone=gone)
+        assert [(b.view, b.target_id) for b in initiated] == ([(1, 0)] if k == 3 else [])
 
 
 def test_without_geometry_or_off_the_line_each_view_has_its_own_targets():
@@ -261,9 +261,9 @@ def test_people_are_joined_by_their_feet():
     short, tall = np.array([50.0, 100.0, 5.0, 10.0, 0.0]), np.array([80.0, 70.0, 8.0, 40.0, 0.0])
     assert loop_distances(ROWS, 0, 1, short[None], tall[None], True)[0] < 1e-9
     for bottom, targets in ((False, 2), (True, 1)):
-        state, born = empty_candidates(2), ()
+        state, initiated = empty_candidates(2), ()
         for _ in range(3):
-            state, born, _ = initiate_and_terminate(
+            state, initiated, _ = initiate_and_terminate(
                 state, [rows(short), rows(tall)], {}, VIEWS, ROWS, ViewsConfig(), bottom
             )
-        assert len({b.target_id for b in born}) == targets
+        assert len({b.target_id for b in initiated}) == targets

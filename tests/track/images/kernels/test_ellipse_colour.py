@@ -65,8 +65,8 @@ def test_histograms_are_those_of_a_sum_over_every_pixel(step):
     models = want[:3] + 0.01
     models /= models.sum(axis=1, keepdims=True)
     owner = rng.integers(0, 3, len(e))
-    alike = likenesses(bins, e, owner, models, step)
-    np.testing.assert_allclose(alike, np.sqrt(want * models[owner]).sum(axis=1), rtol=1e-9, atol=1e-9)
+    similar = likenesses(bins, e, owner, models, step)
+    np.testing.assert_allclose(similar, np.sqrt(want * models[owner]).sum(axis=1), rtol=1e-9, atol=1e-9)
 
 
 def test_a_histogram_sums_to_the_share_of_its_weight_on_the_image():

@@ -44,10 +44,10 @@ def test_a_share_of_the_particles_is_drawn_on_the_line():
     assert drawn(pair(replace(CONFIG, epipolar_fraction=1.0))) == [COUNT] * 4
 
 
-@pytest.mark.parametrize(("likeness", "count"), [(0.7, 3), (np.nextafter(0.7, 0.0), COUNT)])
-def test_all_particles_are_drawn_on_the_line_when_the_estimate_was_not_like_the_target(likeness, count):
+@pytest.mark.parametrize(("similarities", "count"), [(0.7, 3), (np.nextafter(0.7, 0.0), COUNT)])
+def test_all_particles_are_drawn_on_the_line_when_the_estimate_was_not_like_the_target(similarities, count):
     state = pair(replace(CONFIG, max_similarity_to_search=0.7))
-    assert drawn(changed(state, likeness=np.array([likeness, 1.0, 1.0, 1.0]))) == [count, 3, 3, 3]
+    assert drawn(changed(state, similarities=np.array([similarities, 1.0, 1.0, 1.0]))) == [count, 3, 3, 3]
 
 
 @pytest.mark.parametrize(("radii", "count"), [(SAME_TARGET_RADII, 3), (SAME_TARGET_RADII - 1e-9, COUNT), (0.0, COUNT)])
@@ -105,10 +105,10 @@ def test_weights_are_those_of_the_colours():
     assert (weighed.mode == MODES.index("cmct")).all()
 
 
-def adapted(state, likeness, here=None, estimate=None):
+def adapted(state, similarities, here=None, estimate=None):
     """The colours after estimates on the other target."""
     t = state.trackers
-    state = changed(state, likeness=likeness, estimate=t.estimate if estimate is None else estimate)
+    state = changed(state, similarities=similarities, estimate=t.estimate if estimate is None else estimate)
     return adapt_colours(state, state.config, np.ones(len(t.view), dtype=bool) if here is None else here).colours
 
 
@@ -122,11 +122,11 @@ def swapped():
     return state, state.trackers.estimate[::-1].copy()
 
 
-@pytest.mark.parametrize(("likeness", "share"), [(0.9, 0.25), (1.0, 0.25), (np.nextafter(0.9, 0.0), 0.0)])
-def test_colours_follow_those_of_estimates_that_are_alike_enough(likeness, share):
+@pytest.mark.parametrize(("similarities", "share"), [(0.9, 0.25), (1.0, 0.25), (np.nextafter(0.9, 0.0), 0.0)])
+def test_colours_follow_those_of_estimates_that_are_alike_enough(similarities, share):
     state, estimate = swapped()
     old = state.trackers.colours
-    got = adapted(state, np.array([likeness, 0.0]), estimate=estimate)
+    got = adapted(state, np.array([similarities, 0.0]), estimate=estimate)
     np.testing.assert_allclose(got, [(1 - share) * old[0] + share * old[1], old[1]], atol=1e-12)
     np.testing.assert_array_equal(old, state.trackers.colours)
 

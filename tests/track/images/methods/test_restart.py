@@ -78,7 +78,7 @@ def test_without_the_setting_or_a_bad_counterpart_or_a_frame_nothing_restarts():
 
 
 @pytest.mark.parametrize(
-    ("radii", "likeness", "wrong"),
+    ("radii", "similarities", "wrong"),
     [
         (SAME_TARGET_RADII, 0.85, False),
         (SAME_TARGET_RADII - 1e-9, 0.85, True),
@@ -87,14 +87,14 @@ def test_without_the_setting_or_a_bad_counterpart_or_a_frame_nothing_restarts():
         (SAME_TARGET_RADII, np.nextafter(0.85, 0.0), True),
     ],
 )
-def test_a_tracker_is_wrong_on_another_one_or_on_something_of_other_colours(radii, likeness, wrong):
+def test_a_tracker_is_wrong_on_another_one_or_on_something_of_other_colours(radii, similarities, wrong):
     state = hijacked(at=disc(80.0 - 16.0 * radii, 44.0))
-    state = changed(state, likeness=np.array([likeness, 1.0, 1.0, 1.0]))
+    state = changed(state, similarities=np.array([similarities, 1.0, 1.0, 1.0]))
     assert restarted(state)[0] == ([0] if wrong else [])
 
 
 @pytest.mark.parametrize(
-    ("radii", "likeness", "guides"),
+    ("radii", "similarities", "guides"),
     [
         (2.0, 0.85, True),
         (2.0, np.nextafter(0.85, 0.0), False),
@@ -102,11 +102,11 @@ def test_a_tracker_is_wrong_on_another_one_or_on_something_of_other_colours(radi
         (OCCLUSION_RADII + 1e-9, 1.0, True),
     ],
 )
-def test_a_counterpart_guides_when_it_is_clear_of_others_and_looks_right(radii, likeness, guides):
+def test_a_counterpart_guides_when_it_is_clear_of_others_and_looks_right(radii, similarities, guides):
     state = hijacked()
     estimate = state.trackers.estimate.copy()
     estimate[3, :2] = estimate[2, :2] + [16.0 * radii, 0.0]
-    state = changed(state, estimate=estimate, likeness=np.array([1.0, 1.0, likeness, 1.0]))
+    state = changed(state, estimate=estimate, similarities=np.array([1.0, 1.0, similarities, 1.0]))
     assert restarted(state)[0] == ([0] if guides else [])
 
 

@@ -78,7 +78,7 @@ def test_a_new_tracker_is_at_its_ellipse_at_rest_and_looks_like_its_target():
     assert not t.velocity.any()
     assert not t.path.any()
     assert not t.weak.any()
-    assert (t.likeness == 1.0).all()
+    assert (t.similarities == 1.0).all()
     np.testing.assert_allclose(t.colours.sum(axis=1), 1.0)
 
 
@@ -98,8 +98,8 @@ def test_a_birth_in_a_view_without_a_frame_is_an_error():
         add_trackers(four(), frames_at(1, BOTH, None), [Birth(1, 3, LEFT)])
 
 
-@pytest.mark.parametrize(("rows", "likeness"), [(slice(32, 40), 1.0), (slice(32, 49), 1.0), (slice(32, 34), None)])
-def test_colours_of_a_masked_target_are_wholly_alike_where_as_much_of_it_is_left(rows, likeness):
+@pytest.mark.parametrize(("rows", "similarities"), [(slice(32, 40), 1.0), (slice(32, 49), 1.0), (slice(32, 34), None)])
+def test_colours_of_a_masked_target_are_wholly_alike_where_as_much_of_it_is_left(rows, similarities):
     """Half of the ellipse is masked at birth; later the rows of `rows` are left."""
     mask, later = (np.zeros((90, 120), dtype=np.uint8) for _ in range(2))
     mask[32:40], later[rows] = 1, 1
@@ -110,7 +110,7 @@ def test_colours_of_a_masked_target_are_wholly_alike_where_as_much_of_it_is_left
     share = [1.0 / t.colours.sum() for t in (state.trackers, keep_trackers(other, np.array([False, True])).trackers)]
     bins = other.bins[0]
     found = colour_similarity(bins, LEFT[None], np.zeros(1, int), state.trackers.colours, np.zeros(1, bool), 1)[0]
-    assert found == pytest.approx(likeness if likeness is not None else np.sqrt(share[1] / share[0]))
+    assert found == pytest.approx(similarities if similarities is not None else np.sqrt(share[1] / share[0]))
 
 
 def test_removed_trackers_are_forgotten_and_other_keys_change_nothing():

@@ -78,7 +78,7 @@ def test_particles_of_a_view_without_a_frame_go_on_at_their_velocity_for_at_most
         moved = local.particles[2:, :, :2] - state.trackers.particles[2:, :, :2]
         np.testing.assert_allclose(moved, np.broadcast_to([1.5 * counted, -0.5 * counted], moved.shape))
         np.testing.assert_array_equal(local.particles[2:, :, 2:], state.trackers.particles[2:, :, 2:])
-        assert (local.likeness[2:] == 1.0).all()
+        assert (local.similarities[2:] == 1.0).all()
         assert (local.log_local[2:] == 0.0).all()
 
 
@@ -144,7 +144,7 @@ def test_half_axes_of_the_start_follow_those_of_the_own_region():
 
 def test_frames_are_weak_when_the_best_particle_is_less_alike_than_the_limit():
     state = changed(state_of(MipfConfig(particles=5), FOUR[:1], (BOTH, BOTH)), weak=np.array([4]))
-    best = float(moved_into(state, frames_at(1, BOTH, None)).likeness.max())
+    best = float(moved_into(state, frames_at(1, BOTH, None)).similarities.max())
     assert 0.5 < best < 1.0
     for limit, weak in ((best, 0), (np.nextafter(best, 2.0), 5)):
         strict = state._replace(config=replace(state.config, lost_similarity=limit))

@@ -64,8 +64,8 @@ def test_a_track_of_two_people_in_equal_parts_is_worth_half_of_either_kind():
 
 
 def test_looks_that_tell_no_one_apart_are_worth_nothing():
-    alike = np.array([[400.0, 240.0, 150.0], [400.0, 240.0, 150.0]])
-    assert log_ratio_of_sum(feature_likelihood(alike), 10.0, 80.0) == 0.0
+    similar = np.array([[400.0, 240.0, 150.0], [400.0, 240.0, 150.0]])
+    assert log_ratio_of_sum(feature_likelihood(similar), 10.0, 80.0) == 0.0
 
 
 def coloured(rng, moments=6, bare=3):
@@ -119,7 +119,7 @@ def test_the_density_of_the_chain_is_that_of_places_times_that_of_looks_through_
     sweep(places, WALK, looked, listed, known, chain, 10.0, rng.random((40, 4)))
     fresh = chain_with(chain.after.tolist(), chain.used.tolist(), 5)
     for head in np.flatnonzero(chain.used & (chain.before == NO_NODE)).tolist():
-        sum_up(places.alike, fresh.sums, fresh.before, fresh.after, head)
+        sum_up(places.similar, fresh.sums, fresh.before, fresh.after, head)
     for kept, made in zip(chain.sums, fresh.sums, strict=True):
         np.testing.assert_allclose(kept[chain.used], made[chain.used], atol=1e-12)
 

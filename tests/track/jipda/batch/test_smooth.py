@@ -213,10 +213,10 @@ def test_without_a_lag_the_window_is_the_whole_recording():
         assert a.mean.tobytes() == b.mean.tobytes()
 
 
-@pytest.mark.parametrize(("alike", "keeps"), [(0.33, False), (0.34, True)], ids=["slow 1.99", "slow 2.03"])
-def test_links_of_the_filter_are_kept_where_errors_of_boxes_go_on(alike, keeps):
+@pytest.mark.parametrize(("similar", "keeps"), [(0.33, False), (0.34, True)], ids=["slow 1.99", "slow 2.03"])
+def test_links_of_the_filter_are_kept_where_errors_of_boxes_go_on(similar, keeps):
     scene, states, snapshots = filtered(frames=40, hz=10.0)
-    state = replace(states[-1], edges=replace(states[-1].edges, changes=np.array([1.0 + alike, 1.0])))
+    state = replace(states[-1], edges=replace(states[-1].edges, changes=np.array([1.0 + similar, 1.0])))
     drawn = np.random.default_rng(0)
     smoothed = smooth(state, scene.moments, snapshots, drawn)
     # Nothing is drawn where no chain runs

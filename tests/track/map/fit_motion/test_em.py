@@ -27,7 +27,7 @@ from occlog.track.methods.map.fit_motion.smoother import (
 from occlog.track.methods.map.kernels.gauss_markov import GaussMarkov, constant_velocity, transitions
 
 SHAPES = [
-    Shape(f, d, alike) for f in ("cv", "damped", "full") for d in ("white", "diagonal") for alike in (True, False)
+    Shape(f, d, similar) for f in ("cv", "damped", "full") for d in ("white", "diagonal") for similar in (True, False)
 ]
 SHAPES += [Shape(f, "full") for f in ("cv", "damped", "full")]
 

@@ -21,7 +21,7 @@ def damped(rng, rate: float = 0.3):
     return B, M @ M.T + 0.1 * np.eye(4)
 
 
-def gathered(B, S, dt: float):
+def collected(B, S, dt: float):
     """Integral over 0..dt of exp(B s) S exp(B s)'."""
     return quad_vec(lambda s: expm(B * s) @ S @ expm(B * s).T, 0.0, dt, epsabs=1e-13, epsrel=1e-12)[0]
 
@@ -44,7 +44,7 @@ def test_constant_velocity_has_its_closed_form_for_any_step(own: float, jitter: 
 def test_damped_models_against_exponential_and_integral(seed: int) -> None:
     B, S = damped(np.random.default_rng(seed))
     own = 0.5
-    model = GaussMarkov(expm(B * own), gathered(B, S, own), own)
+    model = GaussMarkov(expm(B * own), collected(B, S, own), own)
     flow = diffusion(model)
     assert_allclose(flow.B, B, rtol=0, atol=1e-10)
     assert_allclose(flow.S, S, rtol=0, atol=1e-9)
@@ -52,7 +52,7 @@ def test_damped_models_against_exponential_and_integral(seed: int) -> None:
     A, sigma = transitions(model, dt)
     for t, got, noise in zip(dt, A, sigma, strict=True):
         assert_allclose(got, expm(B * t), rtol=0, atol=1e-9)
-        assert_allclose(noise, gathered(B, S, t), rtol=1e-8, atol=1e-11)
+        assert_allclose(noise, collected(B, S, t), rtol=1e-8, atol=1e-11)
         assert np.array_equal(noise, noise.T)
 
 

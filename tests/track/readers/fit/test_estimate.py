@@ -48,8 +48,8 @@ def test_likelihood_tells_shadowing_from_noise() -> None:
     for k in range(n):
         shadow = decay * shadow + true["shadow"] * np.sqrt(1.0 - decay**2) * rng.standard_normal(4)
         rssi[k] = model.expected(xy[k : k + 1])[0] + shadow + true["noise"] * rng.standard_normal(4)
-    stretch = TagWindows(np.arange(n, dtype=np.float64), xy, np.ones((n, 4), dtype=np.int64), rssi)
-    found = fit_shadowing(model, [stretch])
+    segment = TagWindows(np.arange(n, dtype=np.float64), xy, np.ones((n, 4), dtype=np.int64), rssi)
+    found = fit_shadowing(model, [segment])
     assert_allclose(found.noise_db, true["noise"], rtol=0.1)
     assert_allclose(found.shadow_db, true["shadow"], rtol=0.2)
     assert_allclose(found.shadow_s, true["forget"], rtol=0.5)
@@ -59,9 +59,9 @@ def test_the_range_with_the_least_error_is_chosen() -> None:
     rng = np.random.default_rng(6)
     model = PathLoss(PLACES, np.full(4, -60.0), 2.0, 1e-3, 1e-3, 5.0, 1.0, 1.0)
     xy = rng.uniform(0.0, 4.0, (500, 2))
-    stretch = TagWindows(np.arange(500.0), xy, np.ones((500, 4), dtype=np.int64), model.expected(xy))
+    segment = TagWindows(np.arange(500.0), xy, np.ones((500, 4), dtype=np.int64), model.expected(xy))
     room = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
-    found = choose_range(model, [stretch], [0.5, 2.7, 40.0], room)
+    found = choose_range(model, [segment], [0.5, 2.7, 40.0], room)
     assert found.range == 2.7
     assert found.detection > 0.99
     assert found.stray < 0.01

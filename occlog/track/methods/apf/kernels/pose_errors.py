@@ -122,7 +122,7 @@ def spread(xy: Floats, which: Ints, positions: Floats, belief: PoseErrorBelief) 
     return np.asarray(np.einsum("ni,nij,nj->n", by_error, belief.blocks[which], by_error))
 
 
-def meeting_point(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> Floats | None:
+def intersection_point(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> Floats | None:
     """(2,) position that agrees best with the bearings, by Gauss-Newton from `start` (2,); None if none is near it.
 
     It must be in front of every sensor and not much nearer to one of them than to the others. `positions` (S, 2) are
@@ -163,7 +163,7 @@ def evidence(sights: LabelledBearings, positions: Floats, mean: Floats, start: F
     """
     if len(sights.sensor) < MIN_BEARINGS:
         return None
-    xy = meeting_point(sights, positions, mean, start)
+    xy = intersection_point(sights, positions, mean, start)
     if xy is None:
         return None
     # Whiten, and project away what a shift of the target could explain

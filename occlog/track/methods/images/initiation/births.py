@@ -254,8 +254,8 @@ def _births(
     """
     births: list[Birth] = []
     for v in range(len(state.candidates)):
-        state, born = _births_in(state, v, geometry, config, bottom, gone)
-        births += born
+        state, initiated = _births_in(state, v, geometry, config, bottom, gone)
+        births += initiated
     return state, tuple(births)
 
 

@@ -107,12 +107,12 @@ def run_mcmc(frame: ViewFrame, rng: Generator) -> ViewSamples:
     sample = np.concatenate([np.full(n, source[0]), source[1:]])
     pool = _moved(frame, frame.state.trackers.particles[frame.rows[owner], sample], owner, rng)
     # Weigh: the local likelihood of each move
-    likeness, log_likelihood = _weighed(frame, pool, owner)
+    similarities, log_likelihood = _weighed(frame, pool, owner)
     # Accept or reject: Metropolis-Hastings
     log_u = np.log1p(-rng.random(moves))
     rows = run_chain(pool, changed, log_likelihood, log_u, config.overlap_penalty, burn, config.thin)
     best = np.full(n, -np.inf)
-    np.maximum.at(best, owner, likeness)
+    np.maximum.at(best, owner, similarities)
     return ViewSamples(np.ascontiguousarray(pool[rows.T]), np.zeros(len(rows)), distinct_size(rows), best)
 
 
@@ -124,14 +124,14 @@ def run_sir(frame: ViewFrame, rng: Generator) -> ViewSamples:
     owner = np.repeat(np.arange(n), count)
     ellipses = _moved(frame, before.reshape(-1, 5), owner, rng)
     # Weigh: the product of the targets' likelihoods, times the prior against overlap
-    likeness, log_likelihood = _weighed(frame, ellipses, owner)
+    similarities, log_likelihood = _weighed(frame, ellipses, owner)
     particles = ellipses.reshape(n, count, 5)
     log_weights = log_likelihood.reshape(n, count).sum(axis=0)
     log_weights -= frame.config.overlap_penalty * crowding_of_samples(
         np.ascontiguousarray(particles.transpose(1, 0, 2))
     )
     ess = np.full(n, effective_sample_size(normalise_log_weights(log_weights)[0]))
-    return ViewSamples(particles, log_weights, ess, likeness.reshape(n, count).max(axis=1))
+    return ViewSamples(particles, log_weights, ess, similarities.reshape(n, count).max(axis=1))
 
 
 def _resampled(samples: ViewSamples, rng: Generator) -> Floats:

@@ -156,8 +156,8 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
     if not (config.restart and bad.any()):
         return state
     ratio = nearest(t)
-    wrong = bad & ((ratio < SAME_TARGET_RADII) | (t.likeness < config.restart_similarity))
-    clear = (ratio > OCCLUSION_RADII) & (t.likeness >= config.restart_similarity)
+    wrong = bad & ((ratio < SAME_TARGET_RADII) | (t.similarities < config.restart_similarity))
+    clear = (ratio > OCCLUSION_RADII) & (t.similarities >= config.restart_similarity)
     for i in np.flatnonzero(wrong).tolist():
         guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
         if not guides or frames.number[t.view[i]] % EVERY:
@@ -258,7 +258,7 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
     expected[:, :2] += gap[:, None] * t.velocity
     many = particles.shape[1]
     bad = ((t.counterpart >= 0) & t.checked & ~t.good).any(axis=1)
-    lost = (t.likeness < c.max_similarity_to_search) | (bad & (nearest(t) < SAME_TARGET_RADII))
+    lost = (t.similarities < c.max_similarity_to_search) | (bad & (nearest(t) < SAME_TARGET_RADII))
     return drawn_on_lines(
         particles,
         estimate=expected,
@@ -287,7 +287,7 @@ def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTracke
     t = state.trackers
     colours = t.colours.copy()
     for v, bins in enumerate(state.bins):
-        rows = np.flatnonzero((t.view == v) & here & (t.likeness >= c.min_similarity_to_adapt))
+        rows = np.flatnonzero((t.view == v) & here & (t.similarities >= c.min_similarity_to_adapt))
         found = colours_in(bins, t.estimate[rows], t.split[rows], c.pixel_step)
         # Where the edge of the image or a mask hides a part, the colours of the rest represent all.
         found *= colours[rows].sum(axis=1, keepdims=True) / np.maximum(found.sum(axis=1, keepdims=True), LEAST)

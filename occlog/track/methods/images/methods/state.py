@@ -230,7 +230,7 @@ class ImageTrackers(NamedTuple):
     axes: Floats  # (n, 3) half axes [px] and angle [rad] at the start
     colours: Floats  # (n, WIDTH) see `colours`
     weak: Ints  # (n,) frames in a row in which no particle had the target's colours
-    likeness: Floats  # (n,) of the last estimate
+    similarities: Floats  # (n,) of the last estimate
     counterpart: Ints  # (n, V) row of the tracker of the same target in each other view; -1: none
     good: Bools  # (n, V) whether the counterpart is good, [Qu] Sec. 3.4.2
     streak: Ints  # (n, V) loop checks in a row that contradict `good`
@@ -305,7 +305,7 @@ def _at_rest(
         axes=ellipse[:, 2:].copy(),
         colours=colours,
         weak=np.zeros(n, dtype=np.int64),
-        likeness=np.ones(n),
+        similarities=np.ones(n),
         counterpart=np.full((n, views), -1),
         good=np.zeros((n, views), dtype=np.bool_),
         streak=np.zeros((n, views), dtype=np.int64),

@@ -23,7 +23,7 @@ from .config import BmctConfig, CmctConfig, IdmotConfig, LoopCheckConfig, McmcCo
 from .joint import joint_samples
 from .restart import adapt_colours, check_loops, check_new_pairs, counterpart_status, restart_one
 from .state import ImageTrackers, VisualState, add_trackers, advance_clock, keep_trackers
-from .weigh import FrameContext, TrackerParticles, arrival_of, likeness_of_estimates, local_weights, weigh
+from .weigh import FrameContext, TrackerParticles, arrival_of, local_weights, similarity_of_estimates, weigh
 
 
 def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
@@ -67,8 +67,8 @@ def advance_with(
     config, here = state.config, arrival.here
     after = _updated(state.trackers, arrival, samples, config)
     state = advance_clock(state._replace(trackers=_where(here, after, state.trackers)), frames)
-    likeness = np.where(here, likeness_of_estimates(state, here), state.trackers.likeness)
-    state = state._replace(trackers=state.trackers._replace(likeness=likeness))
+    similarities = np.where(here, similarity_of_estimates(state, here), state.trackers.similarities)
+    state = state._replace(trackers=state.trackers._replace(similarities=similarities))
     # Check the loop of views ([Qu] Sec. 3.4.2)
     if isinstance(config, LoopCheckConfig):
         state = state._replace(trackers=check_loops(state, config, here))
@@ -148,7 +148,7 @@ def _outlines(state: VisualState, here: Bools, samples: TrackerParticles, event:
         target_id=t.target[rows],
         ellipse=samples.estimate[rows],
         covariance=samples.covariance[rows],
-        similarity=t.likeness[rows],
+        similarity=t.similarities[rows],
         ess=samples.ess[rows],
         likelihood_mode=samples.mode[rows],
         counterpart=counterpart_status(t)[rows] if checked else np.zeros(len(rows), dtype=np.int64),

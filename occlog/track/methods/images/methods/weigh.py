@@ -72,7 +72,7 @@ class LocalWeights(NamedTuple):
     """Particles of n trackers after the proposal, and their local likelihoods."""
 
     particles: Floats  # (n, N, 5)
-    likeness: Floats  # (n, N) of the colours; 1 where there is no frame
+    similarities: Floats  # (n, N) of the colours; 1 where there is no frame
     log_local: Floats  # (n, N) log p(z | x) of [Qu] Eq. 4 without its constant; 0 where there is no frame
 
 
@@ -108,15 +108,15 @@ def local_weights(state: VisualState, frames: FrameSet, arrival: FrameContext, r
         particles = np.where(arrival.here[:, None, None], particles, waiting)
     # Weigh locally
     count = particles.shape[1]
-    likeness, log_local = np.ones(particles.shape[:2]), np.zeros(particles.shape[:2])
+    similarities, log_local = np.ones(particles.shape[:2]), np.zeros(particles.shape[:2])
     boxes = boxes_of(particles)
     for v, image in enumerate(frames.images):
         rows = np.flatnonzero(t.view == v)
         if image is not None and len(rows):
             flat, owner = particles[rows].reshape(-1, 5), np.repeat(rows, count)
             found = local_likelihood(state, frames, arrival.own, boxes[rows], flat, owner)
-            likeness[rows], log_local[rows] = (each.reshape(-1, count) for each in found)
-    return LocalWeights(particles, likeness, log_local)
+            similarities[rows], log_local[rows] = (each.reshape(-1, count) for each in found)
+    return LocalWeights(particles, similarities, log_local)
 
 
 def motion_of(config: MipfConfig) -> EllipseMotion:
@@ -149,18 +149,18 @@ def local_likelihood(
     """
     t, c, v = state.trackers, state.config, int(state.trackers.view[owner[0]])
     bins = update_map(state, frames, v, boxes)
-    likeness = colour_similarity(bins, ellipses, owner, t.colours, t.split, c.pixel_step)
+    similarities = colour_similarity(bins, ellipses, owner, t.colours, t.split, c.pixel_step)
     # p_c = exp(-(1 - BC) / (2 sigma^2)) of the Bhattacharyya coefficient BC
-    log_likelihood = (likeness - 1.0) / (2.0 * c.sigma_colour**2)
+    log_likelihood = (similarities - 1.0) / (2.0 * c.sigma_colour**2)
     image = frames.images[v]
     if c.model == "pca" and image is not None:
         rows = np.flatnonzero(t.view == v)
         models = [state.appearance[v, target] for target in t.target[rows].tolist()]
         log_likelihood += log_patches(image, ellipses, owner - rows[0], models, c)
-    return likeness, log_likelihood + log_region_likelihood(ellipses, own, owner, c.region_pull)
+    return similarities, log_likelihood + log_region_likelihood(ellipses, own, owner, c.region_pull)
 
 
-def likeness_of_estimates(state: VisualState, here: Bools) -> Floats:
+def similarity_of_estimates(state: VisualState, here: Bools) -> Floats:
     """Return (n,) colour similarities, 0 to 1, of the estimates of trackers `here` (n,); 1 for the others."""
     t = state.trackers
     out = np.ones(len(t.view))
@@ -217,7 +217,7 @@ def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: G
         mode=mode,
         covariance=covariance,
         ess=ess,
-        best=local.likeness.max(axis=1),
+        best=local.similarities.max(axis=1),
         # Resample: systematic ([Qu] Alg. 1)
         resampled=resampled(local.particles, weights, rng.random(len(weights))),
     )

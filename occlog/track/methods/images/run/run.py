@@ -17,7 +17,7 @@ from occlog.consistency.estimates import EffectiveSampleSizes
 from occlog.consistency.verdict import MAX_DEPLETED_SHARE, depleted_particles
 from occlog.console.notes import threads_by_default
 from occlog.errors import InputError, UsageError, option
-from occlog.measure.detect.by_background.one_camera import stretches
+from occlog.measure.detect.by_background.one_camera import segments
 from occlog.records.declared.views import ViewTracks
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, FusedTracks
@@ -97,7 +97,7 @@ class ViewsSummary:
     def losses(self) -> list[Loss]:
         """Return the unusable frames, in segments."""
         return [
-            loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in stretches(view.name, lost)
+            loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in segments(view.name, lost)
         ]
 
     def summary(self) -> dict[str, object]:

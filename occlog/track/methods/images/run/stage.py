@@ -124,7 +124,10 @@ def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats
 
 
 def _checks(
-    rows: Mapping[TrackerKey, Floats], geometry: ViewGeometry, bottom: bool, born: Collection[TrackerKey] | None = None
+    rows: Mapping[TrackerKey, Floats],
+    geometry: ViewGeometry,
+    bottom: bool,
+    initiated: Collection[TrackerKey] | None = None,
 ) -> Checks:
     """Return the loop checks of each target in each pair of views with a known fundamental matrix.
 
@@ -132,14 +135,14 @@ def _checks(
         rows: ellipses (5,) by view and target.
         geometry: fundamental matrices between the views.
         bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
-        born: starting trackers; only checks that involve one of them count. None: all checks.
+        initiated: starting trackers; only checks that involve one of them count. None: all checks.
     """
     parts = []
     known = np.isfinite(geometry.fundamental).all(axis=(2, 3))
     for a, b in zip(*(indices.tolist() for indices in np.nonzero(np.triu(known, 1))), strict=True):
         shared = [t for v, t in rows if v == a and (b, t) in rows]
-        if born is not None:
-            shared = [t for t in shared if (a, t) in born or (b, t) in born]
+        if initiated is not None:
+            shared = [t for t in shared if (a, t) in initiated or (b, t) in initiated]
         if shared:
             of_a, of_b = (np.array([rows[v, t] for t in shared]) for v in (a, b))
             radii = loop_distances(geometry, a, b, of_a, of_b, bottom)
@@ -333,7 +336,7 @@ def _advance(
     ended: tuple[TrackerKey, ...] = ()
     if stream is not None:
         trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
-        candidates, born, ended = initiate_and_terminate(
+        candidates, initiated, ended = initiate_and_terminate(
             run.candidates,
             found,
             trackers,
@@ -343,7 +346,7 @@ def _advance(
             bottom=setup.bottom,
             gone=gone,
         )
-        births, run = (*births, *born), replace(run, candidates=candidates)
+        births, run = (*births, *initiated), replace(run, candidates=candidates)
         ended = tuple(key for key in ended if key in run.trackers)
     # Drop matrices that births contradict, then begin and end
     start_checks = check_births(births, setup.geometry, _recent(run, frame_set, setup), setup.bottom)
@@ -450,11 +453,11 @@ def _table(result: _MomentResult, views: Sequence[TrackedView]) -> ViewTracks:
     """Return the rows of one time step, sorted: births and tracked ellipses."""
     parts = [] if result.outlines is None else [_tracked(result.outlines, result.frame_set, views, result.ended)]
     if result.births:
-        parts.append(_born(result.births, result.frame_set, views))
+        parts.append(_initiated(result.births, result.frame_set, views))
     return ViewTracks.merge(parts)
 
 
-def _born(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[TrackedView]) -> ViewTracks:
+def _initiated(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequence[TrackedView]) -> ViewTracks:
     """Return the rows of births, with the ellipse they start from and a variance of `START_VARIANCE`."""
     n = len(births)
     view = np.array([birth.view for birth in births])

@@ -45,10 +45,13 @@ class AppearanceSums(NamedTuple):
     later_count: Floats  # (n,)
 
 
-def no_sums(alike: AppearanceVectors) -> AppearanceSums:
+def no_sums(similar: AppearanceVectors) -> AppearanceSums:
     """Return zero sums for all nodes, to be filled by `sum_up`."""
     return AppearanceSums(
-        np.zeros_like(alike.total), np.zeros_like(alike.boxes), np.zeros_like(alike.total), np.zeros_like(alike.boxes)
+        np.zeros_like(similar.total),
+        np.zeros_like(similar.boxes),
+        np.zeros_like(similar.total),
+        np.zeros_like(similar.boxes),
     )
 
 
@@ -63,58 +66,58 @@ def log_ratio_of_sum(law: FeatureLikelihood, count: float, square: float) -> flo
     same, other = law.mean[SAME_TARGET], law.mean[OTHER_TARGET]
     if same - other < MIN_SIMILARITY_DIFFERENCE:
         return 0.0  # not discriminative
-    alike = (square - count) / (count * (count - 1.0))
-    share = (alike / same - other) / (same - other)
+    similar = (square - count) / (count * (count - 1.0))
+    share = (similar / same - other) / (same - other)
     return float((count - 1.0) * (share * log_ratio_at(law, same) + (1.0 - share) * log_ratio_at(law, other)))
 
 
 @kernel
-def log_ratio_joined(alike: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
+def log_ratio_joined(similar: AppearanceVectors, sums: AppearanceSums, i: int, k: int, j: int) -> float:
     """Log likelihood ratio that the boxes of up to three parts of a track are of one person.
 
     The parts are a track up to and with node `i`, node `k`, and a track from node `j` on; -1 leaves a part out.
     """
-    if alike.total.shape[1] == 0:
+    if similar.total.shape[1] == 0:
         return 0.0
     count, square = 0.0, 0.0
-    for a in range(alike.total.shape[1]):
+    for a in range(similar.total.shape[1]):
         value = 0.0
         if i >= 0:
             value += sums.earlier[i, a]
         if k >= 0:
-            value += alike.total[k, a]
+            value += similar.total[k, a]
         if j >= 0:
             value += sums.later[j, a]
         square += value * value
     if i >= 0:
         count += sums.earlier_count[i]
     if k >= 0:
-        count += alike.boxes[k]
+        count += similar.boxes[k]
     if j >= 0:
         count += sums.later_count[j]
-    return log_ratio_of_sum(alike.law, count, square)
+    return log_ratio_of_sum(similar.law, count, square)
 
 
 @kernel
-def sum_up(alike: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
+def sum_up(similar: AppearanceVectors, sums: AppearanceSums, before: Ints, after: Ints, k: int) -> None:
     """Recompute the cumulative sums, in both directions, of the track that contains node `k`, in place; -1: no node.
 
     `before` and `after` (n,) are the previous and the next node of each in its track, -1 for none.
     """
-    if k < 0 or alike.total.shape[1] == 0:
+    if k < 0 or similar.total.shape[1] == 0:
         return
     while before[k] >= 0:
         k = before[k]
     i = -1
     while k >= 0:
-        sums.earlier[k], sums.earlier_count[k] = alike.total[k], alike.boxes[k]
+        sums.earlier[k], sums.earlier_count[k] = similar.total[k], similar.boxes[k]
         if i >= 0:
             sums.earlier[k] += sums.earlier[i]
             sums.earlier_count[k] += sums.earlier_count[i]
         i, k = k, after[k]
     j, k = -1, i
     while k >= 0:
-        sums.later[k], sums.later_count[k] = alike.total[k], alike.boxes[k]
+        sums.later[k], sums.later_count[k] = similar.total[k], similar.boxes[k]
         if j >= 0:
             sums.later[k] += sums.later[j]
             sums.later_count[k] += sums.later_count[j]

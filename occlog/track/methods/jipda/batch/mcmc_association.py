@@ -65,7 +65,7 @@ class TrackletNodes(NamedTuple):
     death: Floats  # (n,) log of the probability that it is a person's last position
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NO_NODE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]
-    alike: AppearanceVectors
+    similar: AppearanceVectors
 
 
 class WalkModel(NamedTuple):
@@ -510,7 +510,7 @@ def update_all_messages(nodes: TrackletNodes, walk: WalkModel, frame_counts: Flo
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.before[k] == NO_NODE:
             update_messages(nodes, walk, frame_counts, chain, k, NO_NODE)
-            sum_up(nodes.alike, chain.sums, chain.before, chain.after, k)
+            sum_up(nodes.similar, chain.sums, chain.before, chain.after, k)
         if chain.used[k] and chain.after[k] == NO_NODE:
             update_messages(nodes, walk, frame_counts, chain, NO_NODE, k)
 
@@ -521,7 +521,7 @@ def log_posterior(nodes: TrackletNodes, chain: MarkovChainState) -> float:
     value = 0.0
     for k in range(nodes.step.shape[0]):
         if chain.used[k] and chain.after[k] == NO_NODE:
-            value += chain.past[k] + nodes.death[k] + log_ratio_joined(nodes.alike, chain.sums, k, NO_NODE, NO_NODE)
+            value += chain.past[k] + nodes.death[k] + log_ratio_joined(nodes.similar, chain.sums, k, NO_NODE, NO_NODE)
     return value
 
 
@@ -601,11 +601,11 @@ def propose_successor(
     then = cached_link(nodes, walk, frame_counts, listed, known, chain, i, j)
     if not (b == NO_NODE and a == NO_NODE):
         then += cached_link(nodes, walk, frame_counts, listed, known, chain, b, a)
-    then += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, j) + log_ratio_joined(
-        nodes.alike, chain.sums, b, NO_NODE, a
+    then += log_ratio_joined(nodes.similar, chain.sums, i, NO_NODE, j) + log_ratio_joined(
+        nodes.similar, chain.sums, b, NO_NODE, a
     )
-    now += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, a) + log_ratio_joined(
-        nodes.alike, chain.sums, b, NO_NODE, j
+    now += log_ratio_joined(nodes.similar, chain.sums, i, NO_NODE, a) + log_ratio_joined(
+        nodes.similar, chain.sums, b, NO_NODE, j
     )
     if not then - now > log_u:
         return 0
@@ -620,8 +620,8 @@ def propose_successor(
     choose_motion(nodes, walk, frame_counts, chain, b)
     update_messages(nodes, walk, frame_counts, chain, j, i)
     update_messages(nodes, walk, frame_counts, chain, a, b)
-    sum_up(nodes.alike, chain.sums, chain.before, chain.after, i)
-    sum_up(nodes.alike, chain.sums, chain.before, chain.after, a if a != NO_NODE else b)
+    sum_up(nodes.similar, chain.sums, chain.before, chain.after, i)
+    sum_up(nodes.similar, chain.sums, chain.before, chain.after, a if a != NO_NODE else b)
     return 1
 
 
@@ -654,8 +654,8 @@ def propose_insertion(
             return 0
         now = cached_link(nodes, walk, frame_counts, listed, known, chain, i, k)
         then = cached_link(nodes, walk, frame_counts, listed, known, chain, i, j)
-        now += log_ratio_joined(nodes.alike, chain.sums, i, k, j)
-        then += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, j)
+        now += log_ratio_joined(nodes.similar, chain.sums, i, k, j)
+        then += log_ratio_joined(nodes.similar, chain.sums, i, NO_NODE, j)
         if not then - now - log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = False, NO_NODE, NO_NODE
@@ -675,8 +675,8 @@ def propose_insertion(
                 return 0
         now = cached_link(nodes, walk, frame_counts, listed, known, chain, i, j)
         then = log_insertion_probability(nodes, walk, frame_counts, chain, i, k, j)
-        now += log_ratio_joined(nodes.alike, chain.sums, i, NO_NODE, j)
-        then += log_ratio_joined(nodes.alike, chain.sums, i, k, j)
+        now += log_ratio_joined(nodes.similar, chain.sums, i, NO_NODE, j)
+        then += log_ratio_joined(nodes.similar, chain.sums, i, k, j)
         if not then - now + log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = True, i, j
@@ -689,7 +689,7 @@ def propose_insertion(
     else:
         choose_motion(nodes, walk, frame_counts, chain, i)
         update_messages(nodes, walk, frame_counts, chain, j, i)
-    sum_up(nodes.alike, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NO_NODE else j))
+    sum_up(nodes.similar, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NO_NODE else j))
     return 1
 
 
@@ -738,8 +738,8 @@ def propose_swap(
             i, j = chain.before[one], chain.after[one]
             now += cached_link(nodes, walk, frame_counts, listed, known, chain, i, one)
             then += log_insertion_probability(nodes, walk, frame_counts, chain, i, other, j)
-            now += log_ratio_joined(nodes.alike, chain.sums, i, one, j)
-            then += log_ratio_joined(nodes.alike, chain.sums, i, other, j)
+            now += log_ratio_joined(nodes.similar, chain.sums, i, one, j)
+            then += log_ratio_joined(nodes.similar, chain.sums, i, other, j)
     if not then - now > log_u:
         return 0
     ik, jk, im, jm = chain.before[k], chain.after[k], chain.before[m], chain.after[m]
@@ -755,5 +755,5 @@ def propose_swap(
     for one in (k, m):
         if chain.used[one]:
             insert_node(nodes, walk, frame_counts, chain, one)
-            sum_up(nodes.alike, chain.sums, chain.before, chain.after, one)
+            sum_up(nodes.similar, chain.sums, chain.before, chain.after, one)
     return 1

@@ -113,7 +113,7 @@ def smooth(
     # The filter's tracks through time steps that the chain skips carry links that it need not find again
     followed = len(chosen) < len(snapshots)
     hints = [_identities(group, snapshot, followed) for group, snapshot in zip(frames, snapshots, strict=True)]
-    appearance, law = _appearances(frames), feature_likelihood(state.cues.likeness)
+    appearance, law = _appearances(frames), feature_likelihood(state.cues.similarities)
     seen = {k: _filtered(packed[k], frames[k], snapshots[k]) for k in chosen.tolist()}
     square = (INITIAL_SCALE_M * state.metre) ** 2
     common = common_error_of(state)
@@ -250,7 +250,7 @@ def _appearances(frames: Sequence[Sequence[FrameDetections]]) -> list[Floats]:
     ]
 
 
-def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Floats:
+def _similarity(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Floats:
     """(N, M) similarity of boxes (M, K) to N tracks at all other time steps; NaN if either has no appearance.
 
     Args:
@@ -261,7 +261,7 @@ def _likeness(tracks: ChainTracks, head: Ints, node: Ints, boxes: Floats) -> Flo
     """
     appearance = tracks.chain.sums.later[head]
     has = node != NO_NODE
-    appearance[has] -= tracks.nodes.alike.total[node[has]]
+    appearance[has] -= tracks.nodes.similar.total[node[has]]
     if not appearance.shape[1]:
         return np.full((len(appearance), len(boxes)), np.nan)
     return np.asarray(unit_vectors(appearance, histograms=False) @ boxes.T)
@@ -380,7 +380,9 @@ def _reassociate(
             np.where(walk.inside[rows], PRESENCE_WITHIN_TRACK, PRESENCE_OUTSIDE_TRACK),
         )
         bonus = _feature_ratios(packed[k], hints[k][:, 0], tracks, walk.last[rows], walk.next[rows])
-        bonus += log_ratio(state.cues.likeness, _likeness(tracks, walk.head[rows], walk.node[rows], appearance[k]))
+        bonus += log_ratio(
+            state.cues.similarities, _similarity(tracks, walk.head[rows], walk.node[rows], appearance[k])
+        )
         out[k] = associate(state, packed[k], rates, people, bonus)
     return out
 
@@ -440,7 +442,7 @@ def _smoothed_snapshots(
     number[walk.node[has]] = walk.track[has]
     odds[number[ends]] = tracks.chain.past[ends] + tracks.nodes.death[ends]
     odds[number[ends]] += [
-        log_ratio_joined(tracks.nodes.alike, tracks.chain.sums, k, NO_NODE, NO_NODE) for k in ends.tolist()
+        log_ratio_joined(tracks.nodes.similar, tracks.chain.sums, k, NO_NODE, NO_NODE) for k in ends.tolist()
     ]
     existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - MIN_EXISTENCE_COMPLEMENT)
     identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NO_ID)

@@ -196,7 +196,7 @@ def tracks_from(
         death=np.log(np.minimum(going * leaving + late, 1.0)),
         hint=hint,
         life=life,
-        alike=AppearanceVectors(
+        similar=AppearanceVectors(
             np.concatenate([f.appearance for f in found]), np.concatenate([f.n_vectors for f in found]), law
         ),
     )
@@ -260,7 +260,7 @@ def _chain(nodes: TrackletNodes, walk: WalkModel, track: Ints, free: bool) -> Ma
         future=np.zeros(n),
         earlier=np.zeros(n, dtype=np.int64),
         later=np.zeros(n, dtype=np.int64),
-        sums=no_sums(nodes.alike),
+        sums=no_sums(nodes.similar),
     )
 
 
@@ -308,7 +308,7 @@ def bridge(tracks: ChainTracks, span: WindowSpan) -> None:
             joint = log_link_probability(nodes, walk, span.frame_counts, chain, i, j)
             gain[a, b] = joint - alone - log_link_probability(nodes, walk, span.frame_counts, chain, NO_NODE, j)
             for one, other, sign in ((i, j, 1.0), (i, NO_NODE, -1.0), (NO_NODE, j, -1.0)):
-                gain[a, b] += sign * log_ratio_joined(nodes.alike, chain.sums, one, NO_NODE, other)
+                gain[a, b] += sign * log_ratio_joined(nodes.similar, chain.sums, one, NO_NODE, other)
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0.0))
     for a, b in zip(rows.tolist(), columns.tolist(), strict=True):
         if gain[a, b] > 0.0:

@@ -109,11 +109,11 @@ def _exchanges(
                 nodes, walk, frame_counts, chain, b, a
             )
             sums = chain.sums
-            now += log_ratio_joined(nodes.alike, sums, i, NO_NODE, a) + log_ratio_joined(
-                nodes.alike, sums, b, NO_NODE, j
+            now += log_ratio_joined(nodes.similar, sums, i, NO_NODE, a) + log_ratio_joined(
+                nodes.similar, sums, b, NO_NODE, j
             )
-            then += log_ratio_joined(nodes.alike, sums, i, NO_NODE, j) + log_ratio_joined(
-                nodes.alike, sums, b, NO_NODE, a
+            then += log_ratio_joined(nodes.similar, sums, i, NO_NODE, j) + log_ratio_joined(
+                nodes.similar, sums, b, NO_NODE, a
             )
             p = 1.0 / (1.0 + np.exp(min(now - then, 50.0)))
             if p >= MIN_SWITCH_PROBABILITY:

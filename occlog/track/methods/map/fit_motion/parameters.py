@@ -41,7 +41,7 @@ class Shape(NamedTuple):
 
     form: str = "cv"  # cv, damped or full
     disturbance: str = "white"  # white, diagonal or full
-    alike: bool = True  # one disturbance for both axes
+    similar: bool = True  # one disturbance for both axes
     noise: bool = True  # measurement noise is fitted, too
     free: tuple[int, ...] = VELOCITY  # rows of A that `full` fits
 
@@ -64,7 +64,7 @@ def names(shape: Shape) -> tuple[str, ...]:
         out = out + [f"chol{i + 1}{j + 1}" for i, j in zip(*LOWER, strict=True)]
     else:
         pair = ["jitter", "acceleration"] if shape.disturbance == "white" else ["sd_u", "sd_v"]
-        out = out + (pair if shape.alike else [f"{p}_{axis}" for axis in "xy" for p in pair])
+        out = out + (pair if shape.similar else [f"{p}_{axis}" for axis in "xy" for p in pair])
     return (*out, *(["noise"] if shape.noise else []))
 
 
@@ -133,7 +133,7 @@ def _sigma(shape: Shape, own: Floats, beta: float) -> Floats:
         if shape.disturbance == "white"
         else (np.diag([1.0, 0.0]), np.diag([0.0, 1.0]))
     )
-    sd = np.exp(np.tile(own, 2) if shape.alike else own)
+    sd = np.exp(np.tile(own, 2) if shape.similar else own)
     sigma = np.zeros((4, 4))
     for axis in range(2):
         i = 2 * axis
@@ -155,8 +155,8 @@ def _white(beta: float) -> Floats:
         return np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
     s, w = 0.5 * (NODE + 1.0), 0.5 * WEIGHT
     rows = np.stack([_reach(s, beta), np.exp(-beta * s)])
-    gathered: Floats = (rows * w) @ rows.T
-    return gathered
+    collected: Floats = (rows * w) @ rows.T
+    return collected
 
 
 def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:

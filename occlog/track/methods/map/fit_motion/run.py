@@ -84,7 +84,7 @@ def _fit(config: FitConfig, paths: list[MeasuredPath], step_s: float, gap_s: flo
     shape = Shape(
         config.form,
         config.process_noise_form,
-        alike=config.process_noise_axes == "same",
+        similar=config.process_noise_axes == "same",
         noise=config.measurement_noise == ESTIMATED,
     )
     if config.method == "differences":

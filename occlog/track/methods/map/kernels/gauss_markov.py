@@ -79,8 +79,8 @@ def diffusion(model: GaussMarkov) -> Diffusion:
     generator = np.ascontiguousarray(B.real)
     basis = np.eye(16).reshape(16, 4, 4)
     # Sigma is linear in S: one column for each entry of S.
-    gathered = np.column_stack([_step(generator, np.ascontiguousarray(E), model.step_s)[1].ravel() for E in basis])
-    S = np.linalg.solve(gathered, model.sigma.ravel()).reshape(4, 4)
+    collected = np.column_stack([_step(generator, np.ascontiguousarray(E), model.step_s)[1].ravel() for E in basis])
+    S = np.linalg.solve(collected, model.sigma.ravel()).reshape(4, 4)
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     return Diffusion(generator, np.ascontiguousarray((vectors * np.maximum(values, 0.0)) @ vectors.T))
 

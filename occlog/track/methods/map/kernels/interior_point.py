@@ -39,13 +39,13 @@ from occlog.core.numerics.jit import kernel
 from .problem import ChainSteps, HalfPlanes, TrajectoryProblem, slack, slack_change, within
 from .terms import (
     add_chain,
-    add_hints,
     add_lines,
     add_planes,
+    add_priors,
     barrier_cost,
     chain_cost,
-    hints_cost,
     lines_cost,
+    priors_cost,
 )
 
 ROUNDS = 200
@@ -397,7 +397,7 @@ class Options(NamedTuple):
 def cost(problem: TrajectoryProblem, X: Floats) -> float:
     """Return the negative log posterior of states X (T, 4), up to a constant; constraints do not count."""
     total: float = chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
-    return total + hints_cost(problem.hints, X) if len(problem.hints.step) else total
+    return total + priors_cost(problem.hints, X) if len(problem.hints.step) else total
 
 
 def minimise(
@@ -490,7 +490,7 @@ def derivatives(problem: TrajectoryProblem, X: Floats, exact: float) -> tuple[Fl
     add_chain(problem.steps, X, g)
     add_lines(problem.lines, X, problem.loss, problem.k, exact, g, H)
     if len(problem.hints.step):
-        add_hints(problem.hints, X, g, H)
+        add_priors(problem.hints, X, g, H)
     return g, H
 
 

@@ -45,7 +45,7 @@ class Hold(NamedTuple):
     last: int
 
 
-def stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touch: float) -> Iterator[Hold]:
+def segments(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touch: float) -> Iterator[Hold]:
     """Generate the segments of states inside an obstacle, or at the ends of a step through a wall.
 
     Args:
@@ -95,21 +95,21 @@ def overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
 
 
 def guesses(
-    X: Floats, obstacles: tuple[Obstacle, ...], stretch: Hold, extent: float, clearance: float
+    X: Floats, obstacles: tuple[Obstacle, ...], segment: Hold, extent: float, clearance: float
 ) -> Iterator[Floats]:
     """Generate initial trajectories (T, 4) that lead a segment around its obstacle on either side.
 
     Args:
         X: (T, 4) states.
         obstacles: all obstacles.
-        stretch: the segment.
+        segment: the segment.
         extent: size of the scene.
         clearance: distance that is kept from walls.
     """
-    o, T = obstacles[stretch.obstacle], len(X)
+    o, T = obstacles[segment.obstacle], len(X)
     wall = o.seen_through is None
     away = (clearance if wall else 0.0) + 1e-3 * extent
-    a, b = (stretch.first, stretch.last) if wall else (stretch.first - 1, stretch.last + 1)
+    a, b = (segment.first, segment.last) if wall else (segment.first - 1, segment.last + 1)
     inside = overlaps(np.ascontiguousarray(X[:, ::2]), o._replace(when=np.ones(T, dtype=np.bool_)), 0.0)
     if wall:  # both ends of a step through it: the states themselves may be outside
         inside = _within(X[:, ::2], o)
@@ -227,12 +227,12 @@ def find_paths_around(
         X = solution.X.copy()
         added: list[Hold] = []
         ways: list[Floats] = []
-        for stretch in list(stretches(X, obstacles, alone, TOUCH * extent)):
-            hold = _padded(stretch, problem.T)
-            way, spent = _local_way(problem, X, obstacles, stretch, (*held, *added), space)
+        for segment in list(segments(X, obstacles, alone, TOUCH * extent)):
+            hold = _padded(segment, problem.T)
+            way, spent = _local_way(problem, X, obstacles, segment, (*held, *added), space)
             iterations += spent
             if way is None:
-                alone[stretch.obstacle, stretch.first : stretch.last + 1] = True
+                alone[segment.obstacle, segment.first : segment.last + 1] = True
             else:
                 X, added = way, [*added, hold]
                 ways.append(way)
@@ -261,7 +261,7 @@ def _local_way(
     problem: TrajectoryProblem,
     X: Floats,
     obstacles: tuple[Obstacle, ...],
-    stretch: Hold,
+    segment: Hold,
     held: tuple[Hold, ...],
     space: tuple[Options, float, float],
 ) -> tuple[Floats | None, int]:
@@ -273,16 +273,16 @@ def _local_way(
         problem: cost of the trajectory, with all constraints except the obstacles.
         X: (T, 4) states.
         obstacles: all obstacles.
-        stretch: the segment.
+        segment: the segment.
         held: segments that are led around something already.
         space: options of each search, size of the scene, and distance that is kept from walls.
     """
     options, extent, clearance = space
-    reach = max(NEIGHBOURHOOD, 2 * (stretch.last - stretch.first))
-    first, last = max(0, stretch.first - reach), min(problem.T, stretch.last + 1 + reach)
+    reach = max(NEIGHBOURHOOD, 2 * (segment.last - segment.first))
+    first, last = max(0, segment.first - reach), min(problem.T, segment.last + 1 + reach)
     local = _pinned(problem, X, first, last, extent)
     own = tuple(o._replace(when=o.when[first:last]) for o in obstacles)
-    here = Hold(stretch.obstacle, stretch.first - first, stretch.last - first)
+    here = Hold(segment.obstacle, segment.first - first, segment.last - first)
     near = [
         Hold(h.obstacle, max(h.first, first) - first, min(h.last, last - 1) - first)
         for h in held
@@ -299,8 +299,8 @@ def _local_way(
         if best is None or tried[1].cost < best.cost:
             best = tried[1]
     # Take the cheaper one, unless being inside costs less
-    o = obstacles[stretch.obstacle]
-    price = o.price * int(np.count_nonzero(o.when[stretch.first : stretch.last + 1]))
+    o = obstacles[segment.obstacle]
+    price = o.price * int(np.count_nonzero(o.when[segment.first : segment.last + 1]))
     if best is None or best.cost > cost(local, X[first:last]) + price:
         return None, spent
     Y = X.copy()
@@ -340,9 +340,9 @@ def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent
     return local._replace(lines=join_lines(local.lines, still))
 
 
-def _padded(stretch: Hold, T: int) -> Hold:
-    pad = max(FEW, (stretch.last - stretch.first) // 2)
-    return stretch._replace(first=max(0, stretch.first - pad), last=min(T - 1, stretch.last + pad))
+def _padded(segment: Hold, T: int) -> Hold:
+    pad = max(FEW, (segment.last - segment.first) // 2)
+    return segment._replace(first=max(0, segment.first - pad), last=min(T - 1, segment.last + pad))
 
 
 def separating_planes(

@@ -142,7 +142,7 @@ def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
 
 
-def some_hints(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
+def select_priors(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
     """Return the quadratic terms selected by a slice or mask (K,)."""
     return QuadraticPriors._make(column[rows] for column in hints)
 

@@ -371,13 +371,13 @@ def _merge(beam: HypothesisBeam) -> None:
         for n in range(m):
             if beam.cost[m] == math.inf or beam.cost[n] == math.inf:
                 continue
-            alike = True
+            similar = True
             for i in range(4):
                 away2 = (beam.x[m, i] - beam.x[n, i]) ** 2
                 if away2 > MERGE_DISTANCE_SIGMAS**2 * min(beam.P[m, i, i], beam.P[n, i, i]):
-                    alike = False
+                    similar = False
                     break
-            if alike:
+            if similar:
                 beam.cost[m if beam.cost[m] >= beam.cost[n] else n] = math.inf
 
 

@@ -208,7 +208,7 @@ def add_chain(steps: ChainSteps, X: Floats, g: Floats) -> None:
 
 
 @kernel
-def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
+def priors_cost(hints: QuadraticPriors, X: Floats) -> float:
     """Return the sum of the quadratic terms at states X (T, 4)."""
     total = 0.0
     for m in range(hints.step.shape[0]):
@@ -220,7 +220,7 @@ def hints_cost(hints: QuadraticPriors, X: Floats) -> float:
 
 
 @kernel
-def add_hints(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
+def add_priors(hints: QuadraticPriors, X: Floats, g: Floats, H: Floats) -> None:
     """Add derivatives of the quadratic terms at X (T, 4) to `g` (T, 4) and, by position, to `H` (T, 3), in place."""
     for m in range(hints.step.shape[0]):
         t = hints.step[m]

@@ -15,7 +15,7 @@ import numpy as np
 from occlog.array_types import Floats
 
 from .interior_point import Solution, derivatives, factor_rows, solve
-from .problem import ChainSteps, TrajectoryProblem, some_hints, some_lines, some_planes
+from .problem import ChainSteps, TrajectoryProblem, select_priors, some_lines, some_planes
 
 
 class StatePrior(NamedTuple):
@@ -37,12 +37,12 @@ def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) 
     s, lines, planes, hints = problem.steps, problem.lines, problem.planes, problem.hints
     own_lines = some_lines(lines, slice(*np.searchsorted(lines.step, (first, last)).tolist()))
     own_planes = some_planes(planes, slice(*np.searchsorted(planes.step, (first, last)).tolist()))
-    own_hints = some_hints(hints, slice(*np.searchsorted(hints.step, (first, last)).tolist()))
+    own_priors = select_priors(hints, slice(*np.searchsorted(hints.step, (first, last)).tolist()))
     return problem._replace(
         steps=make_first(s._replace(kind=s.kind[first : max(first, last - 1)]), before),
         lines=own_lines._replace(step=own_lines.step - first),
         planes=own_planes._replace(step=own_planes.step - first),
-        hints=own_hints._replace(step=own_hints.step - first),
+        hints=own_priors._replace(step=own_priors.step - first),
     )
 
 
@@ -66,7 +66,7 @@ def summary(problem: TrajectoryProblem, solution: Solution, state: int) -> State
     X = solution.X[: state + 1]
     head = part(problem, 0, state + 1, StatePrior(problem.steps.mean, problem.steps.spread))
     lines, planes = some_lines(head.lines, head.lines.step < state), some_planes(head.planes, head.planes.step < state)
-    head = head._replace(lines=lines, planes=planes, hints=some_hints(head.hints, head.hints.step < state))
+    head = head._replace(lines=lines, planes=planes, hints=select_priors(head.hints, head.hints.step < state))
     # Linearise; active constraints keep pulling by their multipliers
     g, H = derivatives(head, X, 0.0)
     force = solution.multiplier[: len(planes.step), None] * planes.normal

@@ -157,8 +157,8 @@ def _windows(
         seconds[rays.step] - seconds[state[own[0]]],
         seconds[record.measured_state] - seconds[state[own[1]]],
     )
-    gathered = float(problem.steps.sigma[problem.steps.kind][:, (1, 3), (1, 3)].sum()) / 2.0
-    noise = gathered / max(float(seconds[-1]), 1e-9)
+    collected = float(problem.steps.sigma[problem.steps.kind][:, (1, 3), (1, 3)].sum()) / 2.0
+    noise = collected / max(float(seconds[-1]), 1e-9)
     return WindowMeasurements(lines, distances, own, after, state, noise)
 
 

@@ -40,7 +40,7 @@ class _FitSamples:
         self.reader: list[Ints] = []
         self.distance: list[Floats] = []
         self.rssi: list[Floats] = []
-        self.stretches: list[TagWindows] = []
+        self.segments: list[TagWindows] = []
         self.without = 0
 
     def add(self, opened: Opened) -> None:
@@ -95,7 +95,7 @@ class _FitSamples:
             if good.any():
                 kept = part.take(good)
                 seconds = (kept.t_ns - kept.t_ns[0]) / NS
-                self.stretches.append(TagWindows(seconds, xy[good], kept.count, kept.rssi))
+                self.segments.append(TagWindows(seconds, xy[good], kept.count, kept.rssi))
 
 
 def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -109,21 +109,21 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
     scene = _common_scene(request, inputs)
     config = configure(FitReadersConfig.in_unit(scene.length_unit), request.settings)
     metre = metre_of(scene.length_unit)
-    gathered = _FitSamples(scene.readers, config, metre)
+    collected = _FitSamples(scene.readers, config, metre)
     for opened in job.progress(inputs, "read"):
-        gathered.add(opened)
+        collected.add(opened)
     where = ", ".join(str(p) for p in request.recordings)
-    windows = sum(len(s.t_s) for s in gathered.stretches)
+    windows = sum(len(s.t_s) for s in collected.segments)
     if windows < MIN_WINDOWS:
         raise InputError(
             f"{where}: {windows} windows have a true position, want {MIN_WINDOWS}; give more, or bridge longer gaps",
             id="insufficient-data",
         )
     positions = np.array([r.position for r in scene.readers])
-    reader, rssi = np.concatenate(gathered.reader), np.concatenate(gathered.rssi)
+    reader, rssi = np.concatenate(collected.reader), np.concatenate(collected.rssi)
     try:
         # Path losses by least squares over single reads
-        losses = fit_losses(reader, np.concatenate(gathered.distance), rssi, len(positions))
+        losses = fit_losses(reader, np.concatenate(collected.distance), rssi, len(positions))
         model = PathLoss(
             positions=positions,
             power=losses.power,
@@ -135,17 +135,17 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
             metre=metre,
         )
         # Shadowing by maximum likelihood over windows
-        model = fit_shadowing(model, gathered.stretches)
+        model = fit_shadowing(model, collected.segments)
         # Range of the virtual sensors by the least error
         ranges = usual_ranges(positions[:, :2]) if config.ranges is None else np.asarray(config.ranges)
-        coverage = choose_range(model, gathered.stretches, ranges.tolist(), scene.room)
+        coverage = choose_range(model, collected.segments, ranges.tolist(), scene.room)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
     reads = np.bincount(reader, minlength=len(positions))
     figures: dict[str, object] = {
         "reads": len(rssi),
         "windows": windows,
-        "reads_without_truth": gathered.without,
+        "reads_without_truth": collected.without,
         "exponent_error": losses.exponent_error,
         "residual_db": losses.residual_db,
         "coverage_rms": coverage.rms,
