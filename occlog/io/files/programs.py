@@ -105,6 +105,8 @@ def refuse_unread(path: Path) -> None:
     if path.is_dir():
         files = sorted(each for each in path.iterdir() if each.is_file() and not each.name.startswith("."))
         path = next((each for each in files if each.stat().st_size), path)
+    if not path.is_file():  # the reader reports it; a pipe has no beginning to come back to
+        return
     try:
         with path.open("rb") as file:
             head = file.read(START)
