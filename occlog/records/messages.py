@@ -572,7 +572,7 @@ VERDICT: dict[str, Message] = {
     ),
     "camera-not-above-ground": Message(
         W,
-        "camera {sensors} is not above the ground (z = {lowest:.2f} {unit}, of the lowest camera)",
+        "camera {sensors} is not above the ground (the lowest has z = {lowest:.2f} {unit})",
         "state the height of the ground along up, negative below the origin ({option[ground_height]})",
     ),
     "calibration-keys-unused": Message(
@@ -824,16 +824,16 @@ VERDICT: dict[str, Message] = {
     ),
     "group-without-tracks": Message(N, "{file}: contains no people"),
     "group-times-disjoint": Message(
-        W, "{file}: has no time in common with the tracks of the camera groups given before it", "check its clock"
+        W, "{file}: has no time in common with the tracks of the camera groups before it", "check its clock"
     ),
     "group-without-common-targets": Message(
         W,
-        "{file}: no person matches the tracks of the camera groups given before it, in {steps} time steps",
+        "{file}: no person matches the tracks of the camera groups before it, in {steps} time steps",
         "if they see the same positions, check poses and clocks",
     ),
     "group-misaligned": Message(
         W,
-        "{file}: tracks are {offset:.3g} {unit} off those of the camera groups given before it "
+        "{file}: tracks are {offset:.3g} {unit} off those of the camera groups before it "
         "(allowed: {allowed:.3g} {unit})",
         "check poses and clocks",
     ),

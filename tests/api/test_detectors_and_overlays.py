@@ -125,7 +125,7 @@ def test_fused_tracks_are_those_of_the_command(tmp_path: Path) -> None:
     assert fused.summary["groups"]["tracks[1]"]["matched_pairs"] == 10
     away = tracks_of(tmp_path / "away.parquet", walk(3, times, (0, 7), (1, 0)))
     with pytest.warns(
-        occlog.OcclogWarning, match=r"^tracks\[1\]: no person matches the tracks of the camera groups given before it"
+        occlog.OcclogWarning, match=r"^tracks\[1\]: no person matches the tracks of the camera groups before it"
     ):
         occlog.fuse_tracks([east, occlog.read(away)])
     with pytest.raises(occlog.UsageError, match="two or more groups"):

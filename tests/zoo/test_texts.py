@@ -117,7 +117,7 @@ KINDS = {
     "mcap marks": Kind("table", "p.mcap", MCAP * 4, "truncated: the MCAP end mark is missing"),
     "arrow mark": Kind("table", "p.arrow", b"ARROW1\0\0", "damaged or not a"),
     "arrow stream": Kind("table", "p.arrow", b"\xff" * 7 + b"\x7f", "damaged or not a"),
-    "text": Kind("table", "p.txt", "hello\n", "damaged or not a Parquet file"),
+    "text": Kind("table", "p.txt", "hello\n", "is text without a line of names of columns"),
     "database": Kind("table", "p.db3", b"SQLite format 3\0" + bytes(100), "is a database (SQLite), perhaps a bag"),
     "wav of text": Kind("sound", "w.wav", b"hello", "is not a WAV file"),
     "wav that is avi": Kind("sound", "w.wav", wav(form(), kind=b"AVI "), "is not a WAV file"),

@@ -25,7 +25,7 @@ def test_a_definition_may_be_as_long_as_the_limit() -> None:
     """One byte more is refused: the parser of definitions takes seconds for a megabyte."""
     longest = FIELDS + b"#" * (LONGEST_DEFINITION - len(FIELDS))
     assert decoder(topic(longest))(HALF).x == 0.5
-    with pytest.raises(InputError, match=f"/a: .*{LONGEST_DEFINITION + 1} bytes; at most {LONGEST_DEFINITION}"):
+    with pytest.raises(InputError, match=rf"/a: .*{LONGEST_DEFINITION + 1} bytes \(at most {LONGEST_DEFINITION}"):
         decoder(topic(longest + b"#"))
 
 

@@ -43,7 +43,7 @@ def test_frames_that_could_not_be_used_are_left_out_too() -> None:
 
 
 def test_long_logs_in_steps_have_short_lists(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(left_out, "MAX_STRETCHES", 20)
+    monkeypatch.setattr(left_out, "MAX_SEGMENTS", 20)
     assert report_of(list(range(0, 1000, 4))) == {}
     assert report_of([*range(0, 400, 4), *range(800, 1200, 4)]) == {"a": [(397, 799)]}
     scattered = [n for n in range(200) if n % 3]

@@ -251,9 +251,10 @@ def _person(file: Path, n: int, person: Any) -> AnnotatedPerson:
     try:
         identity, position, views = person["personID"], person["positionID"], person["views"]
         found = {view["viewNum"]: [view[edge] for edge in EDGES] for view in views}
-    except (TypeError, KeyError):
+    except (TypeError, KeyError) as error:
+        missing = f"has no {error}; " if isinstance(error, KeyError) else ""
         raise InputError(
-            f"{where}: expected personID, positionID and views with viewNum, {', '.join(EDGES)}",
+            f"{where}: {missing}expected personID, positionID and views with viewNum, {', '.join(EDGES)}",
             id="unknown-format",
         ) from None
     numbers = [identity, position, *found, *(edge for edges in found.values() for edge in edges)]

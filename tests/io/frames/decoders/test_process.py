@@ -114,15 +114,18 @@ def test_frames_of_another_size_are_listed(tmp_path: Path) -> None:
     assert [(loss.place, loss.count) for loss in running.losses] == [("frames 4-5", 2)]
 
 
-def test_a_container_that_only_the_decoder_knows(tmp_path: Path) -> None:
+def test_a_stream_without_a_container_has_the_given_rate(tmp_path: Path) -> None:
     path = tmp_path / "v.mjpeg"
     path.write_bytes(b"".join(jpeg(k, (80, 60) if k == 3 else (160, 120)) for k in range(10)))
-    times = video_times(path, start_ns=7)
-    assert (times.table_ns, times.rate) == (None, None)
-    source = video_source("cam", path, times, start=0, stop=None, store="none", quality=95)
+    with pytest.raises(InputError) as refused:
+        video_times(path, start_ns=7)
+    assert refused.value.id == "missing-times"
+    source = video_source(
+        "cam", path, video_times(path, fps=Fraction(25), start_ns=7), start=0, stop=None, store="none", quality=95
+    )
     with source.decoder:
         frames = [(t, f.index) for t, f in source.frames()]
-    assert frames == [(40_000_000 * k + 7, k) for k in range(10) if k != 3]  # FFmpeg takes such streams for 25 fps
+    assert frames == [(40_000_000 * k + 7, k) for k in range(10) if k != 3]
     assert [(loss.place, loss.count) for loss in source.losses] == [("frame 3", 1)]
 
 

@@ -49,14 +49,14 @@ def test_tracks_of_two_groups_become_tracks_that_every_command_reads(tmp_path, c
         (
             walk(3, TIMES, (0.4, 0), (1, 0), sd=0.2),
             "m",
-            "tracks are 0.4 m off those of the camera groups given before it",
+            "tracks are 0.4 m off those of the camera groups before it",
         ),
         (
             walk(3, TIMES + 100, (0, 0), (1, 0)),
             "m",
-            "has no time in common with the tracks of the camera groups given before it",
+            "has no time in common with the tracks of the camera groups before it",
         ),
-        (walk(3, TIMES, (0, 7), (1, 0)), "m", "no person matches the tracks of the camera groups given before it"),
+        (walk(3, TIMES, (0, 7), (1, 0)), "m", "no person matches the tracks of the camera groups before it"),
         (PeopleTracks.empty(), "m", "contains no people"),
     ],
 )

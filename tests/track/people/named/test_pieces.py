@@ -18,7 +18,7 @@ from occlog.track.people.reidentification import (
     split_tracks,
 )
 
-LEAST = {"least_likeness": 0.8, "least_boxes": 10}
+LEAST = {"similarity_limit": 0.8, "least_boxes": 10}
 
 
 def rows(*spans: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
