@@ -159,7 +159,7 @@ def _on_ground(sides: Sequence[EvaluateRequest], chosen: EvaluateConfig) -> tupl
         sides: request for each recording.
         chosen: settings given by the user.
 
-    UsageError if the units differ, or a truth has no positions.
+    UsageError if the units differ; InputError if a truth has no positions.
     """
     opened = [open_sources(side, held_boxes=False) for side in sides]
     units = [scene.length_unit for _, scene, _ in opened]

@@ -20,7 +20,7 @@ from occlog.io.files.atomic import check_outputs
     "videos",
     multiple=True,
     metavar="CAMERA=FILE",
-    help="Video file of a camera for which the link in the recording is lost; may be repeated.",
+    help="Video file of a camera, where the damaged recording has lost the link to it; may be repeated.",
 )
 @options.overwrite_opt
 @options.json_opt

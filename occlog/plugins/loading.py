@@ -138,9 +138,7 @@ def find(name: str, *kinds: str) -> Plugin | None:
     found = [plugin for plugin in installed() if plugin.name == name and plugin.kind in kinds]
     if len(found) > 1:
         packages = " and ".join(plugin.package for plugin in found)
-        raise UsageError(
-            f"plug-in {name}: {packages} both have one of that name; uninstall one of them", id="duplicate-name"
-        )
+        raise UsageError(f"plug-in {name}: is in {packages}; uninstall all but one of them", id="duplicate-name")
     return found[0] if found else None
 
 

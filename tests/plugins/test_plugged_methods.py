@@ -132,7 +132,7 @@ def test_two_packages_with_one_name_are_refused(walk: Path) -> None:
     install(walk / "site", "another", "9", {"method": {"own": "bad_filters:Fails"}})
     sys.path.append(str(walk))  # another path: metadata are read again
     try:
-        with pytest.raises(occlog.UsageError, match="another and occlog-own-filter both have one of that name"):
+        with pytest.raises(occlog.UsageError, match="is in another and occlog-own-filter; uninstall"):
             occlog.track(walk / "bearings.csv", walk / "stations.csv", method="own")
     finally:
         sys.path.remove(str(walk))

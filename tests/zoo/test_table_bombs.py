@@ -91,22 +91,22 @@ LONG = 2_000_000
 CASES: dict[str, tuple[str, Callable[[], bytes], str]] = {
     "pages": ("t.parquet", lambda: with_large_pages(tracks(ROWS), BIG), "unpacks to more than 134217728 bytes"),
     "text for every row": ("t.parquet", lambda: as_parquet(bearings(long_name(1000, LONG))), f"a text of {LONG}"),
-    "Arrow": ("t.arrow", lambda: as_arrow(pa.table(columns(10_000_000))), "promises 10000000 rows in a file of"),
+    "Arrow": ("t.arrow", lambda: as_arrow(pa.table(columns(10_000_000))), "declares 10000000 rows in a file of"),
     "Arrow stream": (
         "t.arrow",
         lambda: as_arrow(pa.table(columns(10_000_000)), stream=True),
-        "promises 10000000 rows in a file",
+        "declares 10000000 rows in a file",
     ),
     "Arrow, text for every row": ("t.arrow", lambda: as_arrow(bearings(long_name(1000, LONG))), f"a text of {LONG}"),
     "Arrow, rows of nothing": (
         "t.arrow",
         lambda: as_arrow(pa.table({name: pa.nulls(2 * 10**9) for name in ("t_ns", "target_id", "x", "y")})),
-        "promises 2000000000 rows in a file of",
+        "declares 2000000000 rows in a file of",
     ),
     "Arrow, batches that unpack much together": (
         "t.arrow",
         lambda: as_arrow(pa.table(columns(3) | {"unused": ["a" * 120_000_000] * 3}), rows=1),
-        "promises 240000",
+        "declares 240000",
     ),
     "Arrow, columns that nobody needs": (
         "t.arrow",
@@ -277,7 +277,7 @@ def test_the_limits_of_promises() -> None:
     path = Path("t.parquet")
     check_declared_size(path, 10, FREE_ROWS, FREE_BYTES)
     for rows, unpacked, words in ((FREE_ROWS + 1, 0, "1000001 rows"), (0, FREE_BYTES + 1, f"{FREE_BYTES + 1} bytes")):
-        with pytest.raises(InputError, match=f"t.parquet: promises {words}.* in a file of 10 bytes"):
+        with pytest.raises(InputError, match=f"t.parquet: declares {words}.* in a file of 10 bytes"):
             check_declared_size(path, 10, rows, unpacked)
     check_declared_size(path, 10**6, 20 * 10**6, 10**9)
     with pytest.raises(InputError, match="20000001 rows"):

@@ -57,7 +57,7 @@ class PlanarPose(NamedTuple):
         return PlanarPose(self.yaw + inner.yaw, complex(turned), self.late + inner.late)
 
     def inverse(self) -> PlanarPose:
-        """Inverse: pose of the reference frame in this camera's frame."""
+        """Inverse: pose and clock offset of the reference frame in this camera's frame."""
         return PlanarPose(-self.yaw, complex(-np.exp(-1j * self.yaw) * self.position), -self.late)
 
 

@@ -82,7 +82,7 @@ class Gaps:
     """Counts the estimates during the truth that fall into unbridged gaps of it."""
 
     def __init__(self) -> None:
-        """Create counts without estimates."""
+        """Start with all counts at 0."""
         self._inside = self._missed = self._widest_ns = 0
 
     def add(self, t_ns: Ints, path: ObjectPath, span_ns: tuple[int, int], config: EvaluateConfig) -> None:

@@ -195,7 +195,10 @@ def _calibration(path: Path, findings: Findings) -> bool:
 
 
 def _structured(path: Path, kind: str, findings: Findings) -> bool:
-    """Add findings about XML or TOML (`kind`: its ending): well-formed, and a calibration; return whether known."""
+    """Add findings about an XML or TOML file (`kind`: its ending): its syntax, and its calibration.
+
+    Return False only for a well-formed file that is no calibration of a known format.
+    """
     try:
         text = read_configuration(path, kind[1:].upper(), limit=MAX_JSON_BYTES)
         parse_xml(text, path) if kind == ".xml" else toml_values(text, path, "TOML")

@@ -130,7 +130,7 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
     if not np.isfinite(degrees).all():
         raise InputError(f"{where}: a latitude or longitude is not a number; leave the row out")
     if heights is not None and not (np.abs(heights) < MAX_HEIGHT_M).all():
-        raise InputError(f"{where}: a height is not a number within {MAX_HEIGHT_M:g} m; leave the row out")
+        raise InputError(f"{where}: an altitude is not a number within {MAX_HEIGHT_M:g} m; leave the row out")
     if (np.abs(degrees) > (180.0, 90.0)).any():
         longitude, latitude = degrees[(np.abs(degrees) > (180.0, 90.0)).any(axis=1)][0].tolist()
         raise InputError(

@@ -298,6 +298,6 @@ def check_declared_size(path: Path, size: int, rows: int, unpacked: int) -> None
     """
     if fault := exceeded_limit(size, rows, unpacked):
         raise InputError(
-            f"{path}: promises {fault} in a file of {size} bytes; measurements do not pack so densely",
+            f"{path}: declares {fault} in a file of {size} bytes, more than it can hold; it is damaged, copy it again",
             id="input-too-large",
         )

@@ -112,7 +112,7 @@ def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, 
 
 
 def _inputs(file: OnnxFile) -> tuple[Port, str]:
-    """The image input, and the name of the image size input if there is one."""
+    """The image input, and the name of the image size input, empty if there is none; InputError for other inputs."""
     images = [p for p in file.inputs if p.shape is None or len(p.shape) == 4]
     others = [p for p in file.inputs if p not in images]
     sizes = [p.name for p in others if p.kind == "int64" and p.shape is not None and p.shape[-1:] == (2,)]

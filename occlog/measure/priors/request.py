@@ -57,7 +57,7 @@ class HullRequest(Request):
 
     views: Path = source("Views of cameras.", argument=True)
     output: Path = output_file("Occluders: Gaussians (Parquet).", "occluders")
-    hulls: Path | None = sink("The polygons themselves (Parquet).", "hulls")
+    hulls: Path | None = sink("Also write the polygons of the visual hulls (Parquet).", "hulls")
     scene: Path | None = scene_file()
     bearings: Path | None = source(
         "Bearings made along with VIEWS, which distinguish frames without people from missing frames."

@@ -98,7 +98,7 @@ class DaskCluster:
                 found = Lost("its workers died (out of memory, killed, or a crash of a library)")
             except (asyncio.CancelledError, concurrent.futures.CancelledError) as error:
                 raise InputError(
-                    f"scheduler {self._address}: is gone; start it again: the same command goes on where it was",
+                    f"scheduler {self._address}: is gone; start it and repeat this command, which goes on where it was",
                     id="scheduler-failed",
                 ) from error
             except (RuntimeError, ImportError) as error:

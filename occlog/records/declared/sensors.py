@@ -144,8 +144,8 @@ class Bearings(ColumnTable):
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"Bearings: row {row}: elevation {self.elevation[row]:g} rad must be in [-pi/2, pi/2] of a row that is "
-                f"seen, and sigma_elevation {self.sigma_elevation[row]:g} rad above 0"
+                f"Bearings: row {row}: elevation {self.elevation[row]:g} rad must be in [-pi/2, pi/2], and "
+                f"sigma_elevation {self.sigma_elevation[row]:g} rad above 0; both are NaN in a row that is not seen"
             )
 
 
@@ -347,7 +347,9 @@ class Positions(ColumnTable):
             positive = (self.cov_xx > 0.0) & (self.cov_xx * self.cov_yy > self.cov_xy**2)
         if (bad := (stated | np.isfinite(self.cov_yy)) & ~positive).any():
             row = first_row(bad)
-            raise InputError(f"Positions: row {row}: its covariance is not positive definite")
+            raise InputError(
+                f"Positions: row {row}: its covariance is not positive definite; correct it, or leave it out"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

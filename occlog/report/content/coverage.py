@@ -130,7 +130,7 @@ class ObservationStreams:
     """Accumulates observations over a stream of bearings, buffered on disk until the intervals are known."""
 
     def __init__(self, blocks: Blocks | None = None) -> None:
-        """Start without bearings; `blocks` makes buffers for records of `LOOK`."""
+        """Start without bearings; `blocks`: buffer on disk for records of `LOOK`; None: a new one."""
         self.rows = self._seen = 0
         self._sensors: dict[str, tuple[int, int]] = {}
         self._pairs: dict[Pair, int] = {}

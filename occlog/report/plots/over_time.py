@@ -379,7 +379,8 @@ HEIGHT = 0.72
 def watched(data: ReportInput) -> tuple[int, ...]:
     """Targets with labelled bearings; -1 (any object) only if there is no other.
 
-    None of all people, if bearings have rows of detections alone: each sensor has then seen all of them.
+    Empty without bearings, and for tracks of all people if all bearings are detections, which would show every sensor
+    as seeing at all times.
     """
     coverage = data.coverage
     if coverage is None or (data.people_tracks is not None and coverage.seen == coverage.rows):

@@ -50,9 +50,9 @@ class Thumbnails:
 
     Attributes:
         cameras: names, with the times [ns] and the JPEG of each image.
-        n_steps: time steps that were asked for.
-        of: times of frames there are.
-        losses: frames of these time steps that cannot be decoded, of which there is no image.
+        n_steps: number of time steps chosen for images.
+        of: number of time steps in the recording.
+        losses: chosen frames that cannot be decoded, of which there is no image.
     """
 
     cameras: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)

@@ -323,7 +323,7 @@ const makePlan = (canvas, data, times, hiddenTargets) => {
   const placeWords = (person) => (person.outside ? "outside" : person.at.map((v) => v.toFixed(digits)).join(", "));
   const seenWords = ({ seen }) => (seen === null ? "–" : seen === "" ? "no camera" : seen.split(",").join(", "));
   const remarks = (person, people) => (
-    [person.doubt, ...hiders(person, people).map((text) => `hidden by ${text}`)].filter(Boolean).join("; ") || "–"
+    [(person.doubt || "").replaceAll("_", " "), ...hiders(person, people).map((text) => `hidden by ${text}`)].filter(Boolean).join("; ") || "–"
   );
   const dot = (target) => {
     const out = document.createElement("span"), colour = colourNumber(target);

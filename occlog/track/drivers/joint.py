@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from occlog.core.numerics.seeds import RandomStream, generator
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Hulls, Occluders
 from occlog.scans.grouping import scans_of, sensor_names
@@ -45,7 +45,8 @@ def track_joint(
     seeing = [c for c in scene.cameras if c.placed and c.name in use.sensors]
     if asking and len(seeing) < 2:
         raise UsageError(
-            f"cooperate: {','.join(sorted(asking))} requires two cameras with a pose; {len(seeing)} are in use",
+            f"{option('cooperate')} {','.join(sorted(asking))} requires two cameras with a pose; {len(seeing)} in use "
+            "have one",
             id="too-few-sensors",
         )
     rng, helping = generator(tracking.seed, RandomStream.TRACK, 0), generator(tracking.seed, RandomStream.COOPERATE, 0)

@@ -371,8 +371,8 @@ class PeopleInput:
             metre = 1.0
         elif not self.cameras:
             raise InputError(
-                f"{self.request.bearings}: the scene does not state its unit of length ({unit}), and positions do not "
-                "determine how tall people are; state their height in the setting person_height",
+                f"{self.request.bearings}: the scene states no unit of length ({unit}), and without boxes the height "
+                "of people is unknown; state it in the setting person_height",
                 id="missing-unit",
             )
         else:

@@ -20,8 +20,8 @@ class TrafficConfig(Settings):
 
     protocol: str = setting(
         "rbvc,sbvc",
-        "Where visual data correct the estimates: in the routers (rbvc) or in the server (sbvc); several separated "
-        "by commas.",
+        "Where images of cameras correct the estimated positions of objects: in the routers (rbvc) or in the server "
+        "(sbvc); several separated by commas.",
         choices=PROTOCOLS,
         several=True,
         option="--protocol",
@@ -31,7 +31,11 @@ class TrafficConfig(Settings):
         (40.0,), "Size of a camera's image, in units of 1000 bytes.", option="--image-kb", metavar="A,B,..."
     )
     objects_share: tuple[float, ...] = setting(
-        (0.1,), "Share of the objects that are tracked.", option="--objects-share", metavar="A,B,..."
+        (0.1,),
+        "Share of each router's objects that are tracked: messages of estimates grow with it, images do not. Several "
+        "shares are simulated one by one.",
+        option="--objects-share",
+        metavar="A,B,...",
     )
     channel: str | None = setting(
         None,

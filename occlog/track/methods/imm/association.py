@@ -286,9 +286,9 @@ def _all_events(
 
 @kernel
 def _partner(choice: Ints, k: int) -> int:
-    """Index of another target with target k's bearing in an association event, or -1.
+    """Index of another target with target k's bearing in an association event, or -1 if there is none.
 
-    `choice` (K,) are the bearings.
+    `choice` (K,) is the row of each target's bearing; -1: it is not heard. Target k must be heard.
     """
     for other in range(choice.shape[0]):
         if other != k and choice[other] == choice[k]:

@@ -309,9 +309,10 @@ def _local_way(
 
 
 def _pinned(problem: TrajectoryProblem, X: Floats, first: int, last: int, extent: float) -> TrajectoryProblem:
-    """Return the problem of states first .. last - 1, with their neighbours fixed at X (T, 4).
+    """Return the problem of states first .. last - 1, joined to the trajectory X (T, 4) at both ends.
 
-    They are fixed to a small share of `extent`.
+    The first state follows from X[first - 1].  The last two positions are held at X to a small share of `extent`,
+    except at the end of the trajectory and in parts of fewer than 3 states.
     """
     steps = problem.steps
     before = StatePrior(steps.mean, steps.spread)

@@ -385,7 +385,7 @@ def _merge(beam: HypothesisBeam) -> None:
 def agreed_path(
     rays: BearingHalfLines, first: Ints, seconds: Floats, steps: ChainSteps, ground: Floats, k: float
 ) -> tuple[Floats, Bools, float]:
-    """Return the most probable hypothesis: (T, 4) filtered states, (N,) accepted bearings, and its cost.
+    """Return the most probable hypothesis: (T, 4) filtered states x, vx, y, vy, (N,) accepted lines, and its cost.
 
     Args:
         rays: N lines of sight.
