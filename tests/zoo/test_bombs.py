@@ -115,7 +115,7 @@ def test_a_table_promises_no_more_rows_than_fit_into_it(tmp_path: Path, capfd: p
         code = run(["track", str(path), "--scene", SCENE, "-o", str(tmp_path / "t.parquet")])
         (line,) = capfd.readouterr().err.splitlines()
         assert code == ExitCode.BAD_INPUT
-        assert "promises 1100000 rows" in line
+        assert "declares 1100000 rows" in line
 
 
 @pytest.mark.parametrize("name", ["c.npz", "c.mat"])
