@@ -294,13 +294,13 @@ def test_a_rig_that_faces_outwards_is_not_left_handed():
 def test_a_ground_of_the_wrong_sign_is_reported_with_the_cameras_that_are_below(up):
     (found,) = (check for check in checks(CAMERAS, up, 2.6) if check.found)
     assert (found.id, found.status, found.sensors) == ("camera-not-above-ground", "failed", ("a", "b"))
-    assert "(z = -0.40 m, of the lowest camera)" in found.text
+    assert "(the lowest has z = -0.40 m)" in found.text
     assert "negative below the origin" in found.text
 
 
 def test_a_camera_at_the_height_of_the_ground_is_reported_and_one_just_above_is_not():
     (found,) = (check for check in checks(CAMERAS, None, 2.2) if check.found)
-    assert found.text.startswith("camera b is not above the ground (z = 0.00 m, of the lowest camera)")
+    assert found.text.startswith("camera b is not above the ground (the lowest has z = 0.00 m)")
     assert not ids(CAMERAS, None, 2.19)
 
 

@@ -214,7 +214,7 @@ def test_what_is_missing_is_reported():
     cameras = rows(SCENE, TWO, cameras=True)
     with pytest.raises(InputError, match="no row is of a microphone array"):
         run([cameras.take(np.char.startswith(cameras.sensor, "c"))])
-    with pytest.raises(UsageError, match="requires two cameras with a pose; 1 are in use"):
+    with pytest.raises(UsageError, match="requires two cameras with a pose; 1 in use have one"):
         run([cameras], replace(CONFIG, cooperate="spread"), sensors=frozenset({"a1", "c1"}))
 
 
