@@ -106,7 +106,7 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
         scene: has the static occluders.
         config: of the world: speed, diameter and time step.
         field: of the potential field.
-        people: whom the objects avoid, too; None: nobody.
+        people: people whom the objects avoid, too; None: no people.
     """
     return Avoidance(
         field=field_of(field),

@@ -185,7 +185,7 @@ def attempt(spec: Spec, run: Trial) -> TrialOutcome:
 
 
 def describe(spec: Spec, specs: Sequence[Spec]) -> str:
-    """Format what tells a trial from the others in one line."""
+    """Format the values that distinguish a trial from the others in one line."""
     own = (name for name in spec if any(other.get(name) != spec[name] for other in specs))
     return ", ".join(f"{name}={spec[name]}" for name in own) or "the only one"
 

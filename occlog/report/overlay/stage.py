@@ -155,7 +155,7 @@ def _line(
     """Return the recorded pixels (k, 2) of an epipolar line; None without a line, or if it misses the image.
 
     Args:
-        target: whose estimate it is of.
+        target: target of the estimate.
         helper: index of the view of the estimate.
         view: index of the view of the line.
         tracks: rows of the helper; None: none.

@@ -394,7 +394,7 @@ MAX_STEP_S = 2.0
 
 
 def restart_of(fall_s: float) -> str:
-    """What begins again where times fall by so much, with the remedy; empty: no counter is known to."""
+    """Describe the counter that restarts where times decrease by this amount, with the remedy; empty: none is known."""
     for span, words in COUNTERS:
         if 0.0 <= span - fall_s <= MAX_STEP_S:
             return f"{words} began again; add {span:.15g} s to all rows from there on"

@@ -109,7 +109,8 @@ def assign_boxes(
         seen: predicted people that are accepted to be there, updated with the boxes.
 
     Returns:
-        Those who have a box, predicted ones first; without predicted people whose boxes fit nowhere (`MIN_LOG_FIT`).
+        People who have a box, predicted ones first; predicted people with boxes that fit nowhere (`MIN_LOG_FIT`) are
+        omitted.
     """
     people, beta, joint = seen.people, seen.beta, seen.joint
     c = state.config
