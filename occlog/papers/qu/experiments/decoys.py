@@ -28,7 +28,7 @@ METHODS: dict[str, Values] = {
 }
 BALLS = 4
 AT = 0.1
-"""Share of the video after which the tracker is led astray."""
+"""Share of the video after which the tracker is diverted."""
 NEARER = 0.65
 """Offset of the decoy from the target towards its neighbour [distances of the two]; 0.5: in the middle."""
 ASIDE = 1.3
@@ -44,8 +44,8 @@ def decoys(size: Size, execute: Execute) -> Table:
     for label in METHODS:
         for k, name in enumerate(SCENES.values()):
             own = results[k * size.runs : (k + 1) * size.runs]
-            wrong = tuple(100.0 * r[f"{label}.astray_end_other"] for r in own)
-            none = sum(100.0 * r[f"{label}.astray_end_none"] for r in own) / size.runs
+            wrong = tuple(100.0 * r[f"{label}.diverted_end_other"] for r in own)
+            none = sum(100.0 * r[f"{label}.diverted_end_none"] for r in own) / size.runs
             rows.append(PaperRow(f"{label}, others {name}", k + 1.0, wrong, {"on none": none}))
     return rows
 

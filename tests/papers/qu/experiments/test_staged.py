@@ -50,7 +50,7 @@ def test_cmct_is_judged_against_others_off_the_line_and_against_bmct() -> None:
         on = spec["scene"] == "decoys-on-line"
         share = {"CMCT": 0.8, "CMCT, 30 px along the line": 0.5, "BMCT": 0.1}
         return {
-            f"{label}.astray_{end}": (x + spread(spec)) * on
+            f"{label}.diverted_{end}": (x + spread(spec)) * on
             for label, x in share.items()
             for end in ("end_other", "end_none")
         }
@@ -65,7 +65,7 @@ def test_a_tracker_is_led_astray_to_the_bare_wall_inside_the_image() -> None:
 
     def results(given):
         specs.extend(given)
-        ends = ("astray_end_other", "astray_end_none")
+        ends = ("diverted_end_other", "diverted_end_none")
         return [{f"{label}.{end}": 0.0 for label in decoys.METHODS for end in ends} for _ in given]
 
     decoys.DECOYS.compute(Size(5, 100), results)
