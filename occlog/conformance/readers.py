@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -30,20 +31,39 @@ SHARES, LAST = (0.9, 0.5, 0.1), range(1, 9)
 
 
 def checks_with(sample: Path) -> dict[str, Check]:
-    """The checks of readers, with a sample of their files."""
+    """Return the checks of reader classes by name, with `sample`, a file that the readers can read."""
+    checks = ReaderChecks(sample)
+    own: dict[str, Check] = {
+        name.removeprefix("check_").replace("_", "-"): getattr(checks, name)
+        for name in vars(ReaderChecks)
+        if name.startswith("check_")
+    }
+    return {**FIRST, **own, **manners(checks.text, "read", growth_bytes=GROWTH_BYTES)}
 
-    def read(of: Any, path: Path = sample) -> Columns:
+
+@dataclass(frozen=True)
+class ReaderChecks:
+    """Checks of a reader class with one sample file of its format; each raises BrokenError where the reader fails."""
+
+    sample: Path
+
+    def read(self, of: Any, path: Path | None = None) -> Columns:
+        """Return the columns that reader class `of` reads from `path` (default: the sample).
+
+        BrokenError if it raises, or returns no valid columns.
+        """
         with called("read"):
-            found = of(defaults(of)).read(path)
+            found = of(defaults(of)).read(path or self.sample)
         wrong = fault_of(found)
         if wrong is not None:
             raise BrokenError(wrong)
         return found  # type: ignore[no-any-return]
 
-    def text(of: Any, path: Path = sample) -> str:
-        return as_text({name: np.asarray(values) for name, values in read(of, path).items()})
+    def text(self, of: Any, path: Path | None = None) -> str:
+        """Return the columns of `read` as CSV text."""
+        return as_text({name: np.asarray(values) for name, values in self.read(of, path).items()})
 
-    def check_endings(of: Any) -> None:
+    def check_endings(self, of: Any) -> None:
         """Check that endings begin with a point, are in lower case, and the sample has one of them."""
         endings = of.endings
         if not isinstance(endings, tuple) or not endings:
@@ -51,26 +71,26 @@ def checks_with(sample: Path) -> dict[str, Check]:
         for ending in endings:
             if not isinstance(ending, str) or not ending.startswith(".") or ending != ending.lower():
                 raise BrokenError(f"ending {ending!r} must begin with a point, in lower case")
-        if not sample.name.lower().endswith(endings):
-            raise BrokenError(f"the sample's name, {sample.name}, ends in none of {', '.join(endings)}")
+        if not self.sample.name.lower().endswith(endings):
+            raise BrokenError(f"the sample's name, {self.sample.name}, ends in none of {', '.join(endings)}")
 
-    def check_table(of: Any) -> None:
+    def check_table(self, of: Any) -> None:
         """Check that the table which the reader names is one of occlog's (`TABLES`)."""
         if of.table not in TABLES:
             raise BrokenError(f"table is {of.table!r}; expected one of {', '.join(TABLES)}")
 
-    def check_columns(of: Any) -> None:
+    def check_columns(self, of: Any) -> None:
         """Check that the sample file gives columns of valid names and equal lengths, with at least one row."""
-        if not len(next(iter(read(of).values()))):  # type: ignore[arg-type]
+        if not len(next(iter(self.read(of).values()))):  # type: ignore[arg-type]
             raise BrokenError("the sample gives no rows; give one that has some")
 
     @contextmanager
-    def laid_out(of: Any) -> Iterator[ExternalTable]:
+    def laid_out(self, of: Any) -> Iterator[ExternalTable]:
         """Context manager: yield the columns read from the sample as the table that the reader class `of` states.
 
         BrokenError if there are no such columns or rows.
         """
-        found = text(of)
+        found = self.text(of)
         with TemporaryDirectory() as other:
             path = Path(other) / "as_read.csv"
             path.write_text(found, encoding="utf-8")
@@ -81,40 +101,40 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 reason = str(error).replace(f"{path}: ", "")
                 raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
 
-    def check_fits(of: Any) -> None:
+    def check_fits(self, of: Any) -> None:
         """Check that the columns read from the sample make the table that the reader states."""
         if of.table in TABLES:
-            with laid_out(of) as table:
+            with self.laid_out(of) as table:
                 list(table.rows(TABLES[of.table]))
 
-    def check_used(of: Any) -> None:
+    def check_used(self, of: Any) -> None:
         """Check that the reader returns no column that its table does not have."""
         if of.table in TABLES:
-            with laid_out(of) as table:
+            with self.laid_out(of) as table:
                 used = {spelled.name for spelled in table.layout.columns}
                 left = [name for name in table.source.names if name not in used]
             if left:
                 raise BrokenError(f"column {left[0]} is none of {of.table}; leave it out, or name it as the table does")
 
-    def check_place(of: Any) -> None:
+    def check_place(self, of: Any) -> None:
         """Check that the result does not depend on name and folder of the file."""
         with TemporaryDirectory() as other:
-            path = Path(other) / f"ein Ort, naïve'{sample.suffix}"
-            shutil.copy(sample, path)
-            if text(of, path) != text(of):
+            path = Path(other) / f"ein Ort, naïve'{self.sample.suffix}"
+            shutil.copy(self.sample, path)
+            if self.text(of, path) != self.text(of):
                 raise BrokenError("a copy of the file with another name is read differently")
 
-    def check_unchanged(of: Any) -> None:
+    def check_unchanged(self, of: Any) -> None:
         """Check that `read` leaves the file unchanged, and creates no other in its folder."""
         with TemporaryDirectory() as other:
-            path = Path(other) / sample.name
-            shutil.copy(sample, path)
+            path = Path(other) / self.sample.name
+            shutil.copy(self.sample, path)
             before = path.read_bytes()
-            read(of, path)
+            self.read(of, path)
             if path.read_bytes() != before or len(list(Path(other).iterdir())) != 1:
                 raise BrokenError("read changes the file, or leaves another one next to it")
 
-    def check_closed(of: Any) -> None:
+    def check_closed(self, of: Any) -> None:
         """Check that `read` leaves no file open (on systems with /proc)."""
         opened = Path("/proc/self/fd")
         if not opened.is_dir():
@@ -122,23 +142,27 @@ def checks_with(sample: Path) -> dict[str, Check]:
         kept = of(defaults(of))
         before = len(list(opened.iterdir()))
         with called("read"):
-            kept.read(sample)
+            kept.read(self.sample)
         if len(list(opened.iterdir())) > before:
             raise BrokenError("read leaves a file open; open it in a with statement")
 
-    def check_reuse(of: Any) -> None:
+    def check_reuse(self, of: Any) -> None:
         """Check that one reader object reads the sample file twice with equal results."""
         own = of(defaults(of))
         with called("read"):
-            first, second = own.read(sample), own.read(sample)
+            first, second = own.read(self.sample), own.read(self.sample)
         if fault_of(first) is None and fault_of(second) is None:
             both = [as_text({n: np.asarray(v) for n, v in found.items()}) for found in (first, second)]
             if both[0] != both[1]:
                 raise BrokenError("a second file read by the same object is read differently")
 
-    def damaged(of: Any, what: str, data: bytes, *, refused: bool = False) -> None:
+    def damaged(self, of: Any, what: str, data: bytes, *, refused: bool = False) -> None:
+        """Check that a file with the content `data`, described by `what`, is refused by an error of one line.
+
+        Unless `refused` is True, it may also be read to valid columns. BrokenError otherwise.
+        """
         with TemporaryDirectory() as other:
-            path = Path(other) / sample.name
+            path = Path(other) / self.sample.name
             path.write_bytes(data)
             try:
                 with called(f"{what}: read", *REFUSALS):
@@ -155,41 +179,34 @@ def checks_with(sample: Path) -> dict[str, Check]:
         if wrong is not None:
             raise BrokenError(f"{what}: {wrong}")
 
-    def check_absent(of: Any) -> None:
+    def check_absent(self, of: Any) -> None:
         """Check that `read` raises OSError for a missing file."""
         with TemporaryDirectory() as other:
             try:
                 with called("a file that is not there: read", OSError):
-                    of(defaults(of)).read(Path(other) / sample.name)
+                    of(defaults(of)).read(Path(other) / self.sample.name)
             except OSError:
                 return
         raise BrokenError("a file that is not there is read as if it were")
 
-    def check_cut(of: Any) -> None:
+    def check_cut(self, of: Any) -> None:
         """Check that a file that is cut off is refused by a ValueError, or read up to its end."""
-        data = sample.read_bytes()
+        data = self.sample.read_bytes()
         for size in (*(int(share * len(data)) for share in SHARES), *(len(data) - n for n in LAST)):
-            damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])
+            self.damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])
 
-    def check_garbage(of: Any) -> None:
+    def check_garbage(self, of: Any) -> None:
         """Check that a file of random bytes is refused."""
-        damaged(of, "a file of other bytes", np.random.default_rng(3).bytes(2_000), refused=True)
+        self.damaged(of, "a file of other bytes", np.random.default_rng(3).bytes(2_000), refused=True)
 
-    def check_flipped(of: Any) -> None:
+    def check_flipped(self, of: Any) -> None:
         """Check that a file with a wrong byte is refused by a ValueError, or read to valid columns."""
-        data, rng = sample.read_bytes(), np.random.default_rng(4)
+        data, rng = self.sample.read_bytes(), np.random.default_rng(4)
         for _ in range(20):
             broken = bytearray(data)
             broken[int(rng.integers(len(data)))] ^= int(rng.integers(1, 256))
-            damaged(of, "a file with a wrong byte", bytes(broken))
+            self.damaged(of, "a file with a wrong byte", bytes(broken))
 
-    def check_size(of: Any) -> None:
+    def check_size(self, of: Any) -> None:
         """Check that a file with its content twice is refused, or gives more rows."""
-        damaged(of, "a file with repeated content", 2 * sample.read_bytes())
-
-    own: dict[str, Callable[[Any], None]] = {
-        name.removeprefix("check_").replace("_", "-"): check
-        for name, check in locals().items()
-        if name.startswith("check_")
-    }
-    return {**FIRST, **own, **manners(text, "read", growth_bytes=GROWTH_BYTES)}
+        self.damaged(of, "a file with repeated content", 2 * self.sample.read_bytes())
