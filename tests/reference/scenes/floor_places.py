@@ -15,6 +15,7 @@ WALK = WalkModel(
     slack=0.6,
     reach=2,
     stay=20.0,
+    hiding=np.zeros((1, 2)),
 )
 
 

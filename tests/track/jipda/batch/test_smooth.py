@@ -88,6 +88,7 @@ def span_of_looks(time, observations):
         people=1.0,
         false_people=0.0,
         stay=60.0,
+        hiding_rate=np.zeros(observations.shape[1]),
         turning=0.05,
         bending=0.0,
         metre=1.0,

@@ -79,6 +79,9 @@ class WalkModel(NamedTuple):
     slack: float  # distance beyond what the greatest speed allows
     reach: int  # time steps from one position to the next, at most
     stay: float  # how long people stay on average [s]
+    hiding: (
+        Floats  # (C, 2) probabilities, from a camera's frame to its next, that something hides a person, and no longer
+    )
 
 
 class LinkCandidates(NamedTuple):
@@ -194,6 +197,33 @@ def empty_link_cache(listed: LinkCandidates) -> LinkCache:
 
 
 @kernel
+def missed_run(count: float, miss: float, hide: float, appear: float) -> tuple[float, float]:
+    """Probability that a camera misses a person, whom it has just detected, in each of its next `count` frames.
+
+    A two-state Markov chain (Gilbert 1960): the person is in plain view, or hidden by something unknown and missed for
+    certain. Without it (`hide` = 0) misses are independent.
+
+    Args:
+        count: number of frames, >= 0.
+        miss: probability that a person in plain view is missed in a frame.
+        hide: probability that a person in plain view is hidden in the next frame.
+        appear: probability that a hidden person is in plain view in the next frame.
+
+    Returns:
+        The joint probabilities of these misses with plain view, and with hidden, in the last of the frames.
+    """
+    # M = [[miss (1 - hide), miss appear], [hide, 1 - appear]], to the power `count` by its eigenvalues
+    a, d = miss * (1.0 - hide), 1.0 - appear
+    half, mean = 0.5 * (a - d), 0.5 * (a + d)
+    root = math.sqrt(half * half + miss * appear * hide)
+    if count <= 0.0 or root == 0.0:
+        return a**count, 0.0
+    one, other = (mean + root) ** count, max(mean - root, 0.0) ** count
+    share = 0.5 * (1.0 + half / root)
+    return share * one + (1.0 - share) * other, 0.5 * hide / root * (one - other)
+
+
+@kernel
 def log_link_prior(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, i: int, j: int) -> float:
     """Log prior of a link from node i to node j without motion: survival, missed detections, and identities.
 
@@ -205,7 +235,9 @@ def log_link_prior(nodes: TrackletNodes, walk: WalkModel, frame_counts: Floats, 
         for c in range(frame_counts.shape[1]):
             count = frame_counts[b, c] - frame_counts[a, c]
             if count > 0.0:
-                total += count * 0.5 * (nodes.miss[i, c] + nodes.miss[j, c])
+                hide, appear = walk.hiding[c, 0], walk.hiding[c, 1]
+                plain, hidden = missed_run(count, math.exp(0.5 * (nodes.miss[i, c] + nodes.miss[j, c])), hide, appear)
+                total += math.log(max((1.0 - hide) * plain + appear * hidden, 1e-300))
     for c in range(nodes.hint.shape[1]):
         if nodes.hint[i, c] != NO_NODE and nodes.hint[j, c] != NO_NODE:
             one, other = nodes.hint[i, c], nodes.hint[j, c]

@@ -18,7 +18,7 @@ from ..interface import STATE_SIZE
 from ..kernels.linear import invert
 from ..target_set import CONSTANT_VELOCITY
 from .gaussian_messages import predict, predict_backwards
-from .mcmc_association import NO_NODE, MarkovChainState, TrackletNodes, WalkModel
+from .mcmc_association import NO_NODE, MarkovChainState, TrackletNodes, WalkModel, missed_run
 
 
 class States(NamedTuple):
@@ -143,7 +143,7 @@ MIN_TERMINATION_RATE = 1e-9
 
 @kernel
 def dwell_times(
-    time: Floats, frame_counts: Floats, step_index: Ints, miss: Floats, rate: Floats, step: int
+    time: Floats, frame_counts: Floats, step_index: Ints, miss: Floats, hiding: Floats, rate: Floats, step: int
 ) -> tuple[Floats, Floats]:
     """Expected time [s] that a person is present but missed in all frames, before or after the time step of a node.
 
@@ -151,7 +151,8 @@ def dwell_times(
         time: (T,) time steps [s].
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         step_index: (n,) of each position.
-        miss: (n, C) log of the probability that a camera misses a person there.
+        miss: (n, C) log of the probability that a camera misses a person there in plain view.
+        hiding: (C, 2) probabilities from frame to frame, see `WalkModel`.
         rate: (n,) at which people leave, or, back in time, have come [1/s].
         step: -1: before the time step; 1: after it.
 
@@ -162,15 +163,17 @@ def dwell_times(
     total, rest = np.zeros(n), np.zeros(n)
     for k in range(n):
         leaves = max(rate[k], MIN_TERMINATION_RATE)
-        t, there = step_index[k], 1.0
+        t, here, there = step_index[k], 1.0, 1.0
         while 0 <= t + step < T:
             gone = -math.expm1(-leaves * abs(time[t + step] - time[t]))
             total[k] += there * gone / leaves
             t += step
-            log = 0.0
+            here *= 1.0 - gone
+            there = here
             for c in range(miss.shape[1]):
-                log += miss[k, c] * (frame_counts[t + 1, c] - frame_counts[t, c])
-            there *= (1.0 - gone) * math.exp(log)
+                count = abs(frame_counts[t + (step + 1) // 2, c] - frame_counts[step_index[k] + (step + 1) // 2, c])
+                plain, hidden = missed_run(count, math.exp(miss[k, c]), hiding[c, 0], hiding[c, 1])
+                there *= plain + hidden
             if there < MIN_MISS_PROBABILITY:
                 there = 0.0
                 break

@@ -13,6 +13,7 @@ from occlog.array_types import Floats, Ints
 
 from ..association_features import FeatureLikelihood
 from ..config import JipdaConfig
+from ..detector_model import HIDDEN_S
 from ..target_set import (
     CELL_SIZE_M,
     CONSTANT_VELOCITY,
@@ -21,6 +22,7 @@ from ..target_set import (
     SIZE_NOISE_PER_ROOT_S,
     BirthIntensityMap,
     track_termination_rate_at,
+    two_states,
 )
 from .appearance import AppearanceVectors, log_ratio_joined, no_sums
 from .association import AssociatedPeople
@@ -76,6 +78,7 @@ class WindowSpan(NamedTuple):
     people: float  # at a time
     false_people: float  # expected number of false people in a time step with boxes in all cameras
     stay: float  # how long people stay on average [s]
+    hiding_rate: Floats  # (C,) how often in a second something unknown hides a person from each camera
     turning: float  # how often in a second a person begins to manoeuvre
     bending: float  # the same to bend, fall, lie down or get up
     metre: float  # in the scene's unit
@@ -94,6 +97,15 @@ class WindowSpan(NamedTuple):
         """Mean time between time steps [s], without pauses."""
         gaps = self.gaps
         return float(gaps.mean()) if len(gaps) and gaps.any() else 1.0
+
+    @property
+    def hiding(self) -> Floats:
+        """(C, 2) probabilities that a person becomes hidden, and visible again, from a camera's frame to its next."""
+        every = self.gaps.sum() / np.maximum(self.frame_counts[-1], 1.0)
+        changes = [
+            two_states(float(dt), rate, 1.0 / HIDDEN_S) for dt, rate in zip(every, self.hiding_rate, strict=True)
+        ]
+        return np.array([(change[1, 0], change[0, 1]) for change in changes])
 
 
 class ChainTracks(NamedTuple):
@@ -142,6 +154,7 @@ def walk_of(config: JipdaConfig, span: WindowSpan, reach: int, free: bool) -> Wa
         slack=LINK_SLACK_M * span.metre,
         reach=reach,
         stay=span.stay,
+        hiding=span.hiding,
     )
 
 
@@ -180,8 +193,10 @@ def tracks_from(
     constant -= np.logaddexp(0.0, math.log(max(span.false_people, MIN_FALSE_PEOPLE) / span.area) + alone)
     unseen = np.exp(miss @ (span.frame_counts[-1] / T))
     leaving = _leaving(known, mean[:, :2], span)
-    coming, early = dwell_times(span.time, span.frame_counts, step, miss, np.full(len(step), 1.0 / span.stay), -1)
-    going, late = dwell_times(span.time, span.frame_counts, step, miss, leaving, 1)
+    coming, early = dwell_times(
+        span.time, span.frame_counts, step, miss, walk.hiding, np.full(len(step), 1.0 / span.stay), -1
+    )
+    going, late = dwell_times(span.time, span.frame_counts, step, miss, walk.hiding, leaving, 1)
     hint, life = _lives(np.concatenate([f.hint for f in found]), span.time[step])
     arrivals = span.people / span.area / span.stay
     nodes = TrackletNodes(

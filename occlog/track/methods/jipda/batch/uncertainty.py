@@ -34,6 +34,7 @@ from .mcmc_association import (
     WalkModel,
     can_link,
     log_link_probability,
+    missed_run,
 )
 from .states import States
 from .tracks import ChainTracks, WindowSpan, listed_of
@@ -73,6 +74,20 @@ def possible_identity_switches(
         named.setdefault(pair, []).append((time, step))
         for a, b in (pair, pair[::-1]):
             out.setdefault(step, []).append(Event("possible_switch", a, b, float(probability[k])))
+    return out
+
+
+@kernel
+def missed_runs(counts: Floats, miss: Floats, hiding: Floats) -> Floats:
+    """Probability (T,) that every camera misses a person in each of `counts` (T, C) frames after the last detection.
+
+    `miss` (C,) is the probability of a miss in plain view, `hiding` (C, 2) as in `WalkModel`.
+    """
+    out = np.ones(counts.shape[0])
+    for t in range(counts.shape[0]):
+        for c in range(counts.shape[1]):
+            plain, hidden = missed_run(counts[t, c], miss[c], hiding[c, 0], hiding[c, 1])
+            out[t] *= plain + hidden
     return out
 
 
@@ -272,7 +287,7 @@ def _still(tracks: ChainTracks, span: WindowSpan, node: int, step: int) -> Float
         else span.frame_counts[here] - span.frame_counts[at]
     )
     away = np.abs(span.time[at] - span.time[here])
-    missed = np.exp(delivered @ tracks.nodes.miss[node] - away / span.stay)
+    missed = missed_runs(delivered, np.exp(tracks.nodes.miss[node]), span.hiding) * np.exp(-away / span.stay)
     # Leaving between a time step and the next; after the last one no person leaves
     weight = missed * np.append(-np.expm1(-np.diff(away) / span.stay), 1.0)
     return np.asarray(np.cumsum(weight[::-1])[::-1] / weight.sum())
