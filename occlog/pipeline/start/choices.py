@@ -970,6 +970,8 @@ METHODS = {
 def _method(made: Choices, what: str) -> None:
     method, words = METHODS[what]
     made.guess("track", "method", method, f"method {method}: {words}")
+    if made.value("track", "method") == "jipda" and not made.has("track", "lag"):
+        made.guess("track", "smooth", True, "smoothed: later boxes count, too, as the recording is complete")
 
 
 def _rest(made: Choices) -> None:

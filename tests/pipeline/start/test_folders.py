@@ -181,7 +181,9 @@ def test_kalibr_and_videos_want_the_height_of_the_ground(folder: Path, start: St
     assert code == ExitCode.DONE, output
     written = yaml.safe_load((folder.parent / "pictures" / "run.yaml").read_text())
     assert written["ingest"]["images"] == {name: f"../{folder.name}/images/{name}" for name in names}
-    assert written["track"] == {"method": "jipda"}
+    assert written["track"] == {"method": "jipda", "smooth": True}
+    assert start(*FPS, "--set", "track.lag=2", "--write-only", out="online")[0] == ExitCode.DONE
+    assert yaml.safe_load((folder.parent / "online" / "run.yaml").read_text())["track"] == {"lag": 2, "method": "jipda"}
 
 
 @pytest.mark.jit
