@@ -1,60 +1,395 @@
-"""Names of all figures of an evaluation, so that a misspelled one is refused before the work."""
+"""All figures of an evaluation: name, label, unit and meaning, for the summary, the report, and misspelled names."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from typing import NamedTuple
 
 from occlog.errors import nearest
 
-ON_GROUND = """
-rmse rmse_x rmse_y rmse_z rmse_space error_mean error_median error_p95 error_max error_space_mean error_space_median
-error_space_p95 error_space_max bias_x bias_y bias_z estimates estimates_space estimates_compared
-estimates_interpolated_truth estimates_other_frames estimates_unmatched estimates_without_truth tracks tracks_smoothed
-tracks_unmatched tracks_on_distractors targets targets_unmatched time_coverage nees_mean nees_share_95 nees_singular
-nees_space_mean nees_space_share_95 nees_space_singular bound_rmse bound_ratio bound_estimates bound_rmse_space
-bound_ratio_space bound_rmse_z smoothed_bound_rmse smoothed_bound_ratio smoothed_bound_rmse_space
-smoothed_bound_ratio_space smoothed_bound_rmse_z
-"""
-"""Errors on the ground and in space with their bound; with `settled_` before it, after the settling time."""
-OF_BEARINGS = """
-bearing_bias bearing_nis bearing_rms bearings_unmatched elevation_nis elevation_rms correct_rejections detected
-detected_hidden detection_frames detection_opportunities detection_opportunities_without_truth detection_rate
-false_alarms false_alarms_per_frame missed visible held_out_bias held_out_frames held_out_median held_out_median_chance
-held_out_p95 held_out_reported held_out_rms held_out_rms_within held_out_share_within held_out_share_within_chance
-held_out_boxes held_out_boxes_feet_share held_out_boxes_median held_out_boxes_precision held_out_boxes_share
-held_out_boxes_share_chance triangulation_compared triangulation_distance_max triangulation_distance_median
-triangulation_distance_p95 triangulation_distance_rms triangulation_refused triangulation_residual_rms
-triangulation_scans triangulation_share_within triangulation_sigma_median noise_at_known_positions
-noise_at_known_positions_error noise_at_known_positions_readings measurement_noise measurement_noise_scale
-measurement_noise_scans cooperation_answered cooperation_frames cooperation_period_s cooperation_requests
-cooperation_shared
-"""
-OF_VIEWS = """
-views_error_bias views_error_median views_error_rms views_false views_frames views_matched views_precision views_recall
-views_true_boxes views_without_tracks views_without_truth
-"""
-OF_DIRECTIONS = """
-doa_error_max_deg doa_error_median_deg doa_error_p90_deg doa_false doa_found doa_gate_deg doa_hits doa_hits_bias_deg
-doa_hits_rms_deg doa_missed doa_precision doa_recall doa_sets doa_sets_without_truth doa_true max_gap_s
-"""
-OF_MANY = """
-hota deta assa detpr detre asspr assre loca mota motp motp_iou moda moda_false moda_missed modp id_switches
-fragmentations mostly_tracked partly_tracked mostly_lost precision recall tp fp fn idf1 idp idr idtp idfp idfn
-idf1_across_views idp_across_views idr_across_views gospa gospa_localisation gospa_missed gospa_false tgospa
-tgospa_localisation tgospa_missed tgospa_false tgospa_switch ospa2 ospa2_localisation ospa2_cardinality ospa2_window
-matched_rmse matched_error_median matched_error_p95 matched_gate matched_nees_compared matched_nees_mean
-matched_nees_share_95 tracks_independent_ids count_error_max count_error_mean count_error_rms count_targets_mean
-count_tracks_mean fr_p fr_l position_failures label_failures frames frames_without_tracks objects objects_ignored
-objects_interpolated overlap
-"""
-FIGURES = frozenset((ON_GROUND + OF_BEARINGS + OF_VIEWS + OF_DIRECTIONS + OF_MANY).split())
-"""Names without unit, and without that of the sensor, target or recording that a figure is of."""
+LENGTH = "length"
+"""Unit of a figure: the unit of length of the scene, in which its name ends."""
+AREA = "squared length"
+DISTANCE, DISTANCE_SQUARED = "distance", "squared distance"
+"""As length and area on the ground; of boxes in images 1 - IoU, without a unit."""
+ANGLE = "angle"
+"""px for readings of cameras, mrad for bearings."""
+SHARE = "share"
 UNITS = ("m", "unit", "ft", "in", "px", "mrad")
-"""Units that end the names of figures and may be left away."""
+"""Units in which names of figures end, and that may be omitted."""
+
+
+class Metric(NamedTuple):
+    """A figure of an evaluation.
+
+    The marks are letters: `l` it is a line of the summary on the terminal; `s` so it is without the settling time; `e`
+    it is shown for each target and sensor, too.
+    """
+
+    group: str
+    name: str  # without the target or sensor, and without unit
+    label: str
+    unit: str = ""
+    note: str = ""
+    marks: str = ""
+
+    def units(self, length: str) -> tuple[str, ...]:
+        """Return the units in which its name can end, "" for none; `length` is the unit of length."""
+        several = {LENGTH: (length,), AREA: (f"{length}2",), ANGLE: ("px", "mrad"), SHARE: ("",)}
+        several |= {DISTANCE: (length, ""), DISTANCE_SQUARED: (f"{length}2", "")}
+        return several.get(self.unit, (self.unit,))
+
+    def label_in(self, unit: str) -> str:
+        """Return the label of the figure in one of its units."""
+        return self.label + (" of 1 - IoU" if self.unit in (DISTANCE, DISTANCE_SQUARED) and not unit else "")
+
+
+ACCURACY, BOUND, CONSISTENCY = "Accuracy", "Bound", "Consistency"
+TARGETS = "Tracking of many targets"
+DETECTION, SIGHT, HELD_OUT, VIEWS = (
+    "Detection",
+    "Lines of sight",
+    "Prediction of held-out sensors",
+    "Views and true boxes",
+)
+DOA, COOPERATION = "Directions of arrival", "Requests for camera frames"
+
+METRICS: tuple[Metric, ...] = (
+    Metric(
+        TARGETS, "hota", "HOTA", "", "geometric mean of detection and association, over thresholds of similarity", "le"
+    ),
+    Metric(TARGETS, "deta", "DetA", "", "detection part of HOTA", "le"),
+    Metric(TARGETS, "assa", "AssA", "", "association part of HOTA", "le"),
+    Metric(TARGETS, "loca", "LocA", "", "mean similarity of the matches", "le"),
+    Metric(TARGETS, "idf1", "IDF1", "", "share of rows with the right identity", "le"),
+    Metric(TARGETS, "mota", "MOTA", "", "1 - (missed + false + switches) / true rows", "le"),
+    Metric(TARGETS, "id_switches", "identity switches", "", "", "le"),
+    Metric(TARGETS, "fragmentations", "fragmentations", "", "times that a target is tracked again after a gap", "le"),
+    Metric(TARGETS, "recall", "recall", SHARE, "true rows with a track", "le"),
+    Metric(TARGETS, "precision", "precision", SHARE, "rows of tracks with a target", "le"),
+    Metric(TARGETS, "matched_rmse", "RMSE, matching per frame", LENGTH, "within the gate", "le"),
+    Metric(TARGETS, "matched_error_median", "median error, matching per frame", LENGTH, "", "e"),
+    Metric(TARGETS, "matched_error_p95", "95 % of these errors below", LENGTH, "", "e"),
+    Metric(TARGETS, "matched_gate", "gate of a match", LENGTH, "", "le"),
+    Metric(TARGETS, "matched_nees_mean", "mean NEES, matching per frame", "", "2 where covariances are right", "le"),
+    Metric(TARGETS, "matched_nees_share_95", "inside the 95 % ellipse", SHARE, "95 where covariances are right", "le"),
+    Metric(TARGETS, "gospa", "mean GOSPA", DISTANCE, "", "le"),
+    Metric(TARGETS, "tgospa", "trajectory GOSPA", LENGTH, "", "le"),
+    Metric(TARGETS, "ospa2", "OSPA(2)", LENGTH, "", "le"),
+    Metric(TARGETS, "ospa2_localisation", "OSPA(2), localisation", LENGTH, ""),
+    Metric(TARGETS, "ospa2_cardinality", "OSPA(2), cardinality", LENGTH, ""),
+    Metric(TARGETS, "ospa2_window", "OSPA(2), mean over windows", LENGTH, "", "l"),
+    Metric(TARGETS, "gospa_localisation", "mean GOSPA, localisation", DISTANCE_SQUARED, ""),
+    Metric(TARGETS, "gospa_missed", "mean GOSPA, missed", DISTANCE_SQUARED, ""),
+    Metric(TARGETS, "gospa_false", "mean GOSPA, false", DISTANCE_SQUARED, ""),
+    Metric(TARGETS, "tgospa_localisation", "trajectory GOSPA, localisation", AREA, ""),
+    Metric(TARGETS, "tgospa_missed", "trajectory GOSPA, missed", AREA, ""),
+    Metric(TARGETS, "tgospa_false", "trajectory GOSPA, false", AREA, ""),
+    Metric(TARGETS, "tgospa_switch", "trajectory GOSPA, switches", AREA, ""),
+    Metric(TARGETS, "detre", "DetRe", "", "recall of the detection part of HOTA"),
+    Metric(TARGETS, "detpr", "DetPr", "", "precision of the detection part of HOTA"),
+    Metric(TARGETS, "assre", "AssRe", "", "recall of the association part of HOTA"),
+    Metric(TARGETS, "asspr", "AssPr", "", "precision of the association part of HOTA"),
+    Metric(TARGETS, "idr", "identity recall", SHARE, "true rows with the right identity"),
+    Metric(TARGETS, "idp", "identity precision", SHARE, "rows of tracks with the right identity"),
+    Metric(TARGETS, "idf1_across_views", "IDF1 across views", "", "identities that are those of all views", "l"),
+    Metric(TARGETS, "idr_across_views", "identity recall across views", SHARE, ""),
+    Metric(TARGETS, "idp_across_views", "identity precision across views", SHARE, ""),
+    Metric(TARGETS, "idtp", "rows with the right identity"),
+    Metric(TARGETS, "idfp", "rows without the right identity"),
+    Metric(TARGETS, "idfn", "true rows without the right identity"),
+    Metric(TARGETS, "tp", "matched rows"),
+    Metric(TARGETS, "fp", "false rows", "", "", "l"),
+    Metric(TARGETS, "fn", "missed rows", "", "", "l"),
+    Metric(TARGETS, "motp", "MOTP", DISTANCE, "mean distance of the pairs", "l"),
+    Metric(TARGETS, "motp_iou", "mean IoU of the pairs"),
+    Metric(TARGETS, "moda", "MODA", "", "1 - (missed + false) / true rows", "l"),
+    Metric(TARGETS, "modp", "MODP", "", "1 is the best possible", "l"),
+    Metric(TARGETS, "moda_missed", "missed rows of MODA"),
+    Metric(TARGETS, "moda_false", "false rows of MODA"),
+    Metric(TARGETS, "fr_p", "FR_p", SHARE, "targets without a tracker on them", "l"),
+    Metric(TARGETS, "fr_l", "FR_l", SHARE, "trackers on another target than their own", "l"),
+    Metric(TARGETS, "position_failures", "targets without a tracker", "", "numerator of FR_p"),
+    Metric(TARGETS, "label_failures", "trackers on another target", "", "numerator of FR_l"),
+    Metric(TARGETS, "mostly_tracked", "targets mostly tracked", "", "", "l"),
+    Metric(TARGETS, "partly_tracked", "targets partly tracked", "", "", "l"),
+    Metric(TARGETS, "mostly_lost", "targets mostly lost", "", "", "l"),
+    Metric(TARGETS, "count_targets_mean", "targets at a time, true", "", "mean", "l"),
+    Metric(TARGETS, "count_tracks_mean", "tracks at a time", "", "mean", "l"),
+    Metric(TARGETS, "count_error_mean", "difference in number, mean"),
+    Metric(TARGETS, "count_error_rms", "difference in number, RMS", "", "", "l"),
+    Metric(TARGETS, "count_error_max", "difference in number, largest"),
+    Metric(TARGETS, "matched_nees_compared", "rows with a NEES"),
+    Metric(TARGETS, "objects", "true rows", "", "", "l"),
+    Metric(TARGETS, "objects_interpolated", "true rows, interpolated", "", "", "l"),
+    Metric(TARGETS, "objects_ignored", "true rows that do not count"),
+    Metric(TARGETS, "overlap", "overlap from which boxes match"),
+    Metric(TARGETS, "estimates_compared", "rows compared"),
+    Metric(TARGETS, "estimates_other_frames", "rows in frames without truth", "", "", "l"),
+    Metric(TARGETS, "frames", "frames", "", "", "l"),
+    Metric(TARGETS, "frames_without_tracks", "frames without tracks"),
+    Metric(TARGETS, "views_without_tracks", "views without tracks"),
+    Metric(ACCURACY, "rmse", "RMSE", LENGTH, "root mean square distance between estimate and truth", "lse"),
+    Metric(ACCURACY, "rmse_x", "RMSE along x", LENGTH, "root mean square error along one axis", "le"),
+    Metric(ACCURACY, "rmse_y", "RMSE along y", LENGTH, "root mean square error along one axis", "le"),
+    Metric(ACCURACY, "error_mean", "mean error", LENGTH, "mean distance between estimate and truth", "le"),
+    Metric(ACCURACY, "error_median", "median error", LENGTH, "half of the estimates are nearer than this", "le"),
+    Metric(ACCURACY, "error_p95", "95 % of errors below", LENGTH, "", "le"),
+    Metric(ACCURACY, "error_max", "largest error", LENGTH, "", "le"),
+    Metric(ACCURACY, "bias_x", "bias along x", LENGTH, "mean of estimate minus truth", "e"),
+    Metric(ACCURACY, "bias_y", "bias along y", LENGTH, "mean of estimate minus truth", "e"),
+    Metric(ACCURACY, "rmse_space", "RMSE in space", LENGTH, "root mean square distance in space", "lse"),
+    Metric(ACCURACY, "rmse_z", "RMSE along z", LENGTH, "root mean square error of the height", "le"),
+    Metric(ACCURACY, "error_space_mean", "mean error in space", LENGTH, "mean distance in space", "e"),
+    Metric(ACCURACY, "error_space_median", "median error in space", LENGTH, "", "le"),
+    Metric(ACCURACY, "error_space_p95", "95 % of errors in space below", LENGTH, "", "le"),
+    Metric(ACCURACY, "error_space_max", "largest error in space", LENGTH, "", "e"),
+    Metric(ACCURACY, "bias_z", "bias along z", LENGTH, "mean of estimate minus truth", "e"),
+    Metric(ACCURACY, "estimates_space", "estimates in space", "", "with a height and a true height", "l"),
+    Metric(ACCURACY, "estimates", "estimates", "", "compared with the truth", "lse"),
+    Metric(ACCURACY, "estimates_interpolated_truth", "truth interpolated", "", "between its own times", "l"),
+    Metric(ACCURACY, "estimates_without_truth", "estimates without truth", "", "no truth near enough in time", "le"),
+    Metric(
+        ACCURACY, "estimates_unmatched", "estimates of no target", "", "their track belongs to no true target", "le"
+    ),
+    Metric(ACCURACY, "tracks", "tracks", "", "", "e"),
+    Metric(ACCURACY, "tracks_smoothed", "tracks smoothed", "", "1: estimated with later measurements"),
+    Metric(ACCURACY, "tracks_unmatched", "tracks of no target", "", "", "e"),
+    Metric(ACCURACY, "targets", "true targets", "", "", "e"),
+    Metric(ACCURACY, "targets_unmatched", "true targets without track", "", "", "e"),
+    Metric(ACCURACY, "time_coverage", "time covered", SHARE, "of the targets' true path", "le"),
+    Metric(
+        BOUND, "bound_rmse", "bound on the RMSE", LENGTH, "posterior Cramér–Rao bound for the true visibility", "lse"
+    ),
+    Metric(BOUND, "bound_ratio", "RMSE / bound", "", "1 is the best possible", "lse"),
+    Metric(
+        BOUND,
+        "smoothed_bound_rmse",
+        "bound of smoothing",
+        LENGTH,
+        "with everything known that was seen later, too",
+        "lse",
+    ),
+    Metric(
+        BOUND, "smoothed_bound_ratio", "RMSE / bound of smoothing", "", "1 is the best possible of all estimates", "lse"
+    ),
+    Metric(BOUND, "bound_rmse_space", "bound on the RMSE in space", LENGTH, "posterior Cramér–Rao bound", "lse"),
+    Metric(BOUND, "bound_ratio_space", "RMSE / bound in space", "", "1 is the best possible", "lse"),
+    Metric(BOUND, "smoothed_bound_rmse_space", "bound of smoothing in space", LENGTH, "", "le"),
+    Metric(BOUND, "smoothed_bound_ratio_space", "RMSE / bound of smoothing in space", "", "", "le"),
+    Metric(BOUND, "smoothed_bound_rmse_z", "bound of smoothing along z", LENGTH, ""),
+    Metric(BOUND, "bound_rmse_z", "bound on the RMSE along z", LENGTH, "", "l"),
+    Metric(BOUND, "bound_estimates", "times compared", "", "that have both an error and a bound", "e"),
+    Metric(
+        CONSISTENCY,
+        "nees_mean",
+        "mean NEES",
+        "",
+        "normalised squared error; 2 where the filter's covariance is right",
+        "le",
+    ),
+    Metric(
+        CONSISTENCY,
+        "nees_share_95",
+        "inside the 95 % ellipse",
+        SHARE,
+        "95 where the filter's covariance is right",
+        "le",
+    ),
+    Metric(CONSISTENCY, "nees_singular", "singular covariances"),
+    Metric(CONSISTENCY, "nees_space_mean", "mean NEES in space", "", "3 where the filter's covariance is right", "le"),
+    Metric(
+        CONSISTENCY,
+        "nees_space_share_95",
+        "inside the 95 % ellipsoid",
+        SHARE,
+        "95 where the filter's covariance is right",
+        "le",
+    ),
+    Metric(CONSISTENCY, "nees_space_singular", "singular covariances in space"),
+    Metric(
+        DETECTION, "detection_rate", "detected of visible", SHARE, "visible targets that were seen where they are", "le"
+    ),
+    Metric(DETECTION, "false_alarms_per_frame", "false alarms a frame", "", "", "le"),
+    Metric(DETECTION, "detection_frames", "frames"),
+    Metric(
+        DETECTION, "detection_opportunities", "detection opportunities", "", "a frame of a sensor, for each target", "e"
+    ),
+    Metric(DETECTION, "detection_opportunities_without_truth", "opportunities without truth"),
+    Metric(DETECTION, "visible", "target visible", "", "in view and not hidden, by the truth", "e"),
+    Metric(DETECTION, "detected", "detected", "", "visible, and seen where it is", "le"),
+    Metric(DETECTION, "missed", "missed", "", "visible, but not seen where it is", "le"),
+    Metric(DETECTION, "detected_hidden", "detected though hidden"),
+    Metric(DETECTION, "correct_rejections", "rightly not seen", "", "", "l"),
+    Metric(DETECTION, "false_alarms", "false alarms", "", "seen where no target is", "le"),
+    Metric(DETECTION, "bearing_rms", "RMS bearing error", ANGLE, "", "le"),
+    Metric(DETECTION, "bearing_bias", "mean bearing error", "px", "", "le"),
+    Metric(DETECTION, "bearing_nis", "squared error / variance", "", "1 where the stated noise is right", "e"),
+    Metric(DETECTION, "elevation_rms", "RMS elevation error", "mrad", "", "l"),
+    Metric(DETECTION, "elevation_nis", "squared elevation error / variance", "", "1 where the stated noise is right"),
+    Metric(
+        DETECTION,
+        "bearings_unmatched",
+        "bearings of no target",
+        "",
+        "labelled with a target that the truth has not",
+        "e",
+    ),
+    Metric(
+        SIGHT,
+        "triangulation_distance_rms",
+        "RMS distance",
+        LENGTH,
+        "of the track from where the lines of sight meet",
+        "e",
+    ),
+    Metric(SIGHT, "triangulation_distance_median", "median distance", LENGTH, "", "le"),
+    Metric(SIGHT, "triangulation_distance_p95", "95 % of distances below", LENGTH, "", "le"),
+    Metric(SIGHT, "triangulation_distance_max", "largest distance", LENGTH, "", "le"),
+    Metric(
+        SIGHT,
+        "triangulation_share_within",
+        "within the limit",
+        SHARE,
+        "distances up to the limit that was asked for",
+        "le",
+    ),
+    Metric(
+        SIGHT,
+        "triangulation_sigma_median",
+        "uncertainty of the meeting point",
+        LENGTH,
+        "median standard deviation",
+        "e",
+    ),
+    Metric(
+        SIGHT,
+        "triangulation_residual_rms",
+        "RMS miss of the lines of sight",
+        "mrad",
+        "from their triangulated position",
+        "le",
+    ),
+    Metric(SIGHT, "triangulation_scans", "scans", "", "with lines of sight from enough sensors", "e"),
+    Metric(
+        SIGHT,
+        "triangulation_refused",
+        "scans without meeting point",
+        "",
+        "lines of sight nearly parallel, or that do not meet",
+        "le",
+    ),
+    Metric(SIGHT, "triangulation_compared", "scans compared", "", "during the track", "le"),
+    Metric(
+        SIGHT,
+        "measurement_noise_scale",
+        "noise required / stated",
+        "",
+        "factor on standard deviations, from three lines and more",
+        "le",
+    ),
+    Metric(SIGHT, "measurement_noise", "noise required", "px", "median", "e"),
+    Metric(SIGHT, "measurement_noise_scans", "scans with three lines or more", "", "", "l"),
+    Metric(
+        HELD_OUT,
+        "held_out_median",
+        "median miss",
+        ANGLE,
+        "of the nearest reported bearing; the track was made without it",
+        "le",
+    ),
+    Metric(
+        HELD_OUT,
+        "held_out_median_chance",
+        "median miss by chance",
+        "px",
+        "with frames and predictions shifted in time",
+        "le",
+    ),
+    Metric(HELD_OUT, "held_out_p95", "95 % of misses below", "px", "", "le"),
+    Metric(HELD_OUT, "held_out_rms", "RMS miss", ANGLE, "", "le"),
+    Metric(HELD_OUT, "held_out_rms_within", "RMS miss inside the gate", "px", "", "e"),
+    Metric(HELD_OUT, "held_out_bias", "mean miss", "px", ""),
+    Metric(
+        HELD_OUT,
+        "held_out_share_within",
+        "inside the gate",
+        SHARE,
+        "of the frames in which the target should be in view",
+        "le",
+    ),
+    Metric(HELD_OUT, "held_out_share_within_chance", "inside the gate by chance", SHARE, "", "le"),
+    Metric(HELD_OUT, "held_out_frames", "frames", "", "in which the track is in view", "le"),
+    Metric(HELD_OUT, "held_out_reported", "frames with a bearing"),
+    Metric(HELD_OUT, "held_out_boxes_share", "boxes predicted", SHARE, "", "l"),
+    Metric(HELD_OUT, "held_out_boxes_share_chance", "boxes predicted by chance", SHARE, "", "l"),
+    Metric(HELD_OUT, "held_out_boxes_feet_share", "boxes predicted by their feet", SHARE, "", "l"),
+    Metric(HELD_OUT, "held_out_boxes_precision", "expected people with a box", SHARE, "", "l"),
+    Metric(HELD_OUT, "held_out_boxes_median", "median distance of the boxes", "px", "", "l"),
+    Metric(HELD_OUT, "held_out_boxes", "boxes", "", "", "l"),
+    Metric(VIEWS, "views_recall", "recall", SHARE, "true boxes that a view was found for", "le"),
+    Metric(VIEWS, "views_precision", "precision", SHARE, "views that are of a true box", "le"),
+    Metric(VIEWS, "views_error_rms", "RMS horizontal error", "px", "", "le"),
+    Metric(VIEWS, "views_error_median", "median horizontal error", "px", "", "e"),
+    Metric(VIEWS, "views_error_bias", "mean horizontal error", "px", "", "e"),
+    Metric(VIEWS, "views_frames", "frames"),
+    Metric(VIEWS, "views_true_boxes", "true boxes", "", "", "e"),
+    Metric(VIEWS, "views_matched", "views of a true box"),
+    Metric(VIEWS, "views_false", "other views"),
+    Metric(VIEWS, "views_without_truth", "views in frames without truth", "", "", "e"),
+    Metric(DOA, "doa_recall", "recall", SHARE, "true directions that were found"),
+    Metric(DOA, "doa_precision", "precision", SHARE, "directions that are of a true source"),
+    Metric(DOA, "doa_hits_rms", "RMS error within the gate", "deg"),
+    Metric(DOA, "doa_hits_bias", "mean error within the gate", "deg"),
+    Metric(DOA, "doa_error_median", "median error", "deg"),
+    Metric(DOA, "doa_error_p90", "90 % of errors below", "deg"),
+    Metric(DOA, "doa_error_max", "largest error", "deg"),
+    Metric(DOA, "doa_gate", "gate", "deg"),
+    Metric(DOA, "doa_true", "true directions"),
+    Metric(DOA, "doa_found", "directions found"),
+    Metric(DOA, "doa_hits", "directions found within the gate"),
+    Metric(DOA, "doa_missed", "missed"),
+    Metric(DOA, "doa_false", "false alarms"),
+    Metric(DOA, "doa_sets", "sets of directions compared"),
+    Metric(DOA, "doa_sets_without_truth", "sets without truth"),
+    Metric(COOPERATION, "cooperation_requests", "requests", "", "", "l"),
+    Metric(COOPERATION, "cooperation_answered", "answered", "", "", "l"),
+    Metric(COOPERATION, "cooperation_shared", "shared positions", "", "", "l"),
+    Metric(COOPERATION, "cooperation_frames", "frames asked for", "", "", "l"),
+    Metric(COOPERATION, "cooperation_period", "mean time between requests", "s", "", "l"),
+    Metric(COOPERATION, "cooperation_requests_periodic", "requests by the period", "", "", "l"),
+    Metric(COOPERATION, "cooperation_requests_count", "requests by the number of bearings", "", "", "l"),
+    Metric(COOPERATION, "cooperation_requests_bearing", "requests by the bearing", "", "", "l"),
+    Metric(COOPERATION, "cooperation_requests_ellipse", "requests by the ellipse", "", "", "l"),
+    Metric(COOPERATION, "cooperation_requests_spread", "requests by the spread", "", "", "l"),
+)
+OTHER_NAMES = (
+    "max_gap_s noise_at_known_positions noise_at_known_positions_error noise_at_known_positions_readings "
+    "tracks_independent_ids tracks_on_distractors"
+)
+"""Figures that the groups do not contain."""
+FIGURES = frozenset((*(metric.name for metric in METRICS), *OTHER_NAMES.split()))
+"""Names without unit, and without the sensor, target or recording that a figure is of."""
 OWN_ENDINGS = ("views_", "cooperation_requests_", "doa_of_")
 """Prefixes of names with ends that come from the data: classes of boxes, causes of requests, numbers of sources."""
+BOXES = {"clear": "in the clear", "front": "in front of other people", "hidden": "partly hidden"}
+"""Kinds of true boxes, for which figures of views stand apart."""
+SETTLED = "settled_"
+"""Prefix of figures without the settling time."""
 _OF = re.compile(r"_(sensor|target|recording)_.+$")
+
+
+def summary_rows(length: str) -> Iterator[tuple[str, str, str, str]]:
+    """Generate the group, full name, label and unit of each line of the summary; `length` is the unit of length."""
+    for prefix, mark, after in (("", "l", ""), (SETTLED, "s", ", after the start")):
+        for metric in METRICS:
+            if mark in metric.marks:
+                for unit in metric.units(length):
+                    end = f"_{unit}" if unit else ""
+                    yield metric.group + after, f"{prefix}{metric.name}{end}", metric.label_in(unit), unit
+                    for kind, where in BOXES.items() if metric.group == VIEWS else ():
+                        yield metric.group, f"{metric.name}_{kind}{end}", f"{metric.label}, {where}", unit
 
 
 def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
@@ -65,7 +400,7 @@ def unknown_metric_hint(name: str, more: Collection[str] = ()) -> str | None:
     if name in more or any(f"{name}_{unit}" in more for unit in UNITS):
         return None
     base = _OF.sub("", name.removeprefix("settled_"))
-    endings = (base, *(base.removesuffix(f"_{unit}{power}") for unit in UNITS for power in ("", "2")))
+    endings = (base, *(base.removesuffix(f"_{unit}{power}") for unit in (*UNITS, "deg", "s") for power in ("", "2")))
     if FIGURES.intersection(endings) or base.startswith(OWN_ENDINGS):
         return None
     known = (*more, *FIGURES)

@@ -13,7 +13,7 @@ from occlog.records.declared.views import Counts, Failures
 from occlog.records.tables import Bound, Errors
 from occlog.records.verdicts import Check, Verdict, summary_of
 
-from .metric_names import UNITS
+from .metric_names import ACCURACY, UNITS, summary_rows
 from .mot import figures as headline
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
@@ -114,59 +114,8 @@ def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
 
 LABEL = 48
 """Width of labels before a number: that of the longest."""
-GROUP = (
-    "many targets",
-    (
-        ("fr_p", "targets without a tracker, FR_p", ""),
-        ("fr_l", "trackers on another target, FR_l", ""),
-        ("mota", "MOTA", ""),
-        ("motp", "mean 1 - IoU of the pairs, MOTP", ""),
-        ("motp", "mean distance of the pairs, MOTP", "length"),
-        ("idf1", "IDF1", ""),
-        ("idf1_across_views", "IDF1 across views", ""),
-        ("hota", "HOTA", ""),
-        ("deta", "  detection, DetA", ""),
-        ("assa", "  association, AssA", ""),
-        ("loca", "  localisation, LocA", ""),
-        ("gospa", "mean GOSPA of 1 - IoU", ""),
-        ("gospa", "mean GOSPA", "length"),
-        ("tgospa", "trajectory GOSPA", "length"),
-        ("ospa2", "OSPA(2)", "length"),
-        ("ospa2_window", "  mean over windows", "length"),
-        ("moda", "MODA", ""),
-        ("modp", "MODP", ""),
-        ("matched_rmse", "RMSE of the pairs", "length"),
-        ("matched_nees_mean", "  mean NEES (consistent: 2)", ""),
-        ("matched_nees_share_95", "  inside the 95 % ellipse", ""),
-        ("count_targets_mean", "people at a time, true", ""),
-        ("count_tracks_mean", "  estimated", ""),
-        ("count_error_rms", "  RMS difference", ""),
-        ("recall", "recall", ""),
-        ("precision", "precision", ""),
-        ("fp", "false", ""),
-        ("fn", "missed", ""),
-        ("id_switches", "identity switches", ""),
-        ("fragmentations", "fragmentations", ""),
-        ("mostly_tracked", "targets mostly tracked", ""),
-        ("partly_tracked", "  partly", ""),
-        ("mostly_lost", "  mostly lost", ""),
-        ("objects", "true rows", ""),
-        ("objects_interpolated", "  of them interpolated", ""),
-        ("frames", "frames", ""),
-        ("estimates_other_frames", "skipped: rows in other frames", ""),
-    ),
-)
-PAIRS = (
-    ("hota", "HOTA", ""),
-    ("idf1", "IDF1", ""),
-    ("mota", "MOTA", ""),
-    ("id_switches", "identity switches", ""),
-    ("matched_rmse", "RMSE, matching per frame", "length"),
-    ("matched_nees_mean", "  mean NEES (consistent: 2)", ""),
-    ("matched_nees_share_95", "  inside the 95 % ellipse", ""),
-    ("matched_gate", "  gate of a match", "length"),
-)
-"""First figures of tracks with their own identities."""
+Entry = tuple[str, str, str]
+"""Name without unit, heading of a column, and unit; `length` represents the scene's unit."""
 BY_SENSOR_IN_IMAGES = (
     ("fr_p", "FR_p", ""),
     ("fr_l", "FR_l", ""),
@@ -175,157 +124,6 @@ BY_SENSOR_IN_IMAGES = (
     ("hota", "HOTA", ""),
     ("objects", "true rows", ""),
 )
-
-
-Entry = tuple[str, str, str]
-
-# Heading, then (name without unit, label, unit); `length` represents the scene's unit.
-GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
-    (
-        "errors",
-        (
-            ("rmse", "RMSE", "length"),
-            ("rmse_x", "along x", "length"),
-            ("rmse_y", "along y", "length"),
-            ("error_mean", "mean", "length"),
-            ("error_median", "median", "length"),
-            ("error_p95", "95 %", "length"),
-            ("error_max", "largest", "length"),
-            ("nees_mean", "mean NEES (consistent: 2)", ""),
-            ("nees_share_95", "inside the 95 % ellipse", ""),
-            ("estimates", "estimates", ""),
-            ("rmse_z", "along z", "length"),
-            ("rmse_space", "RMSE in space", "length"),
-            ("error_space_median", "median in space", "length"),
-            ("error_space_p95", "95 % in space", "length"),
-            ("nees_space_mean", "mean NEES in space (consistent: 3)", ""),
-            ("nees_space_share_95", "inside the 95 % ellipsoid", ""),
-            ("estimates_space", "estimates in space", ""),
-            ("estimates_interpolated_truth", "of them with a truth that was interpolated", ""),
-            ("estimates_without_truth", "skipped: no truth given, or none near in time", ""),
-            ("estimates_unmatched", "skipped: of no target", ""),
-            ("time_coverage", "truth covered", ""),
-        ),
-    ),
-    (
-        "settled",
-        (
-            ("settled_rmse", "RMSE", "length"),
-            ("settled_bound_rmse", "bound", "length"),
-            ("settled_bound_ratio", "RMSE / bound", ""),
-            ("settled_smoothed_bound_rmse", "bound of smoothing", "length"),
-            ("settled_smoothed_bound_ratio", "RMSE / bound of smoothing", ""),
-            ("settled_rmse_space", "RMSE in space", "length"),
-            ("settled_bound_rmse_space", "bound in space", "length"),
-            ("settled_bound_ratio_space", "RMSE / bound in space", ""),
-            ("settled_estimates", "estimates", ""),
-        ),
-    ),
-    (
-        "bound",
-        (
-            ("bound_rmse", "bound on the RMSE", "length"),
-            ("bound_ratio", "RMSE / bound", ""),
-            ("smoothed_bound_rmse", "  the future known, too (smoothing)", "length"),
-            ("smoothed_bound_ratio", "  RMSE / bound of smoothing", ""),
-            ("bound_rmse_z", "bound along z", "length"),
-            ("bound_rmse_space", "bound in space", "length"),
-            ("bound_ratio_space", "RMSE / bound in space", ""),
-            ("smoothed_bound_rmse_space", "  the future known, too, in space", "length"),
-            ("smoothed_bound_ratio_space", "  RMSE / bound of smoothing in space", ""),
-        ),
-    ),
-    (
-        "bearings",
-        (
-            ("detection_rate", "detection rate", ""),
-            ("detected", "detected", ""),
-            ("missed", "missed", ""),
-            ("false_alarms", "false alarms", ""),
-            ("false_alarms_per_frame", "false alarms a frame", ""),
-            ("correct_rejections", "hidden and not reported", ""),
-            ("bearing_rms", "RMS error", "px"),
-            ("bearing_bias", "bias", "px"),
-            ("bearing_rms", "RMS error", "mrad"),
-            ("elevation_rms", "RMS error of elevations", "mrad"),
-        ),
-    ),
-    (
-        "lines of sight",
-        (
-            ("triangulation_distance_max", "track to meeting point, largest", "length"),
-            ("triangulation_distance_median", "median", "length"),
-            ("triangulation_distance_p95", "95 %", "length"),
-            ("triangulation_share_within", "share within the limit", ""),
-            ("triangulation_compared", "scans compared", ""),
-            ("triangulation_refused", "scans refused (lines nearly parallel)", ""),
-            ("triangulation_residual_rms", "lines miss the meeting point by", "mrad"),
-        ),
-    ),
-    (
-        "noise, from how far lines of three sensors and more miss one another",
-        (
-            ("measurement_noise_scale", "factor on stated standard deviations", ""),
-            ("measurement_noise_px", "noise", "px"),
-            ("measurement_noise_scans", "scans", ""),
-        ),
-    ),
-    (
-        "held out",
-        (
-            ("held_out_median", "median residual", "px"),
-            ("held_out_median_chance", "  by chance", "px"),
-            ("held_out_rms", "RMS residual", "px"),
-            ("held_out_p95", "95 %", "px"),
-            ("held_out_median", "median residual", "mrad"),
-            ("held_out_share_within", "frames predicted", ""),
-            ("held_out_share_within_chance", "  by chance", ""),
-            ("held_out_frames", "frames", ""),
-        ),
-    ),
-    (
-        "boxes of held-out cameras",
-        (
-            ("held_out_boxes_share", "predicted", ""),
-            ("held_out_boxes_share_chance", "  by chance", ""),
-            ("held_out_boxes_feet_share", "  by their feet", ""),
-            ("held_out_boxes_precision", "expected people with a box", ""),
-            ("held_out_boxes_median", "median distance", "px"),
-            ("held_out_boxes", "boxes", ""),
-        ),
-    ),
-    (
-        "cooperation",
-        (
-            ("cooperation_requests", "requests", ""),
-            ("cooperation_answered", "answered", ""),
-            ("cooperation_shared", "shared positions", ""),
-            ("cooperation_frames", "frames asked for", ""),
-            ("cooperation_period", "mean time between requests", "s"),
-            ("cooperation_requests_periodic", "  by the period", ""),
-            ("cooperation_requests_count", "  by the count", ""),
-            ("cooperation_requests_bearing", "  by the bearing", ""),
-            ("cooperation_requests_ellipse", "  by the ellipse", ""),
-            ("cooperation_requests_spread", "  by the spread", ""),
-        ),
-    ),
-    (
-        "views",
-        (
-            ("views_recall", "recall", ""),
-            ("views_recall_clear", "  in the clear", ""),
-            ("views_recall_front", "  in front of other targets", ""),
-            ("views_recall_hidden", "  partly hidden", ""),
-            ("views_precision", "precision", ""),
-            ("views_error_rms", "horizontal RMS error", "px"),
-            ("views_error_rms_clear", "  in the clear", "px"),
-            ("views_error_rms_front", "  in front of others", "px"),
-            ("views_error_rms_hidden", "  partly hidden", "px"),
-        ),
-    ),
-    GROUP,
-)
-
 MAX_TARGETS_SHOWN = 10
 """Targets in the table; of more the worst are shown, and none of them in the summary in JSON."""
 OF_TARGET = re.compile(r"_target_\d+(_|$)")
@@ -399,19 +197,20 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
 
     Errors of smoothed tracks (`tracks_smoothed`) are compared with the smoothing bound.
     """
-    lines: list[str] = []
     own = headline.independent_ids(metrics)
-    groups = (("tracks", PAIRS), GROUP, *GROUPS[:-1]) if own else GROUPS
-    for heading, entries in groups:
-        shown = [(label, metrics[key], of) for key, label, of in _keys(entries, "", unit) if key in metrics]
-        if own and entries is GROUP[1]:
-            keys = [key for key, _, _ in _keys(entries, "", unit) if key in metrics]
-            shown = [row for key, row in zip(keys, shown, strict=True) if key not in headline.names(unit)]
-        if shown:
-            if heading == "errors" and (own or headline.matchings_differ(metrics, unit)):
-                heading = "errors, one-to-one matching over the whole run"
-            lines += ["", heading] if lines else [heading]
-            lines += [f"  {label:<{LABEL}}{number(value):>12} {of}".rstrip() for label, value, of in shown]
+    groups: dict[str, list[str]] = {"Tracks": []} if own else {}
+    first = headline.names(unit) if own else ()
+    rows = {key: (group, label, of) for group, key, label, of in summary_rows(unit) if key in metrics}
+    for key in (*first, *(key for key in rows if key not in first)):
+        if key in rows:
+            group, label, of = rows[key]
+            line = f"  {label:<{LABEL}}{number(metrics[key]):>12} {of}".rstrip()
+            groups.setdefault("Tracks" if key in first else group, []).append(line)
+    lines: list[str] = []
+    for heading, of_group in groups.items():
+        if heading == ACCURACY and (own or headline.matchings_differ(metrics, unit)):
+            heading = f"{ACCURACY}, one-to-one matching over the whole run"
+        lines += ["", heading, *of_group] if lines else [heading, *of_group]
     for kind, columns in (
         ("target", OF_SMOOTHED if metrics.get("tracks_smoothed") else BY_TARGET),
         ("sensor", BY_SENSOR),

@@ -7,16 +7,17 @@ import json
 import pytest
 from places import ROOT
 
-from occlog.evaluate.metric_names import unknown_metric_hint
-from occlog.report.content.metrics_in_words import WORDS
+from occlog.evaluate.metric_names import METRICS, unknown_metric_hint
 
 GIVEN = json.loads((ROOT / "tests" / "golden" / "expected" / "simulated" / "metrics.json").read_text())
 NAMES = [name for name, value in GIVEN.items() if isinstance(value, int | float) and name != "plausible"]
 
 
-def test_every_figure_of_a_simulated_recording_and_of_the_report_is_known() -> None:
+def test_every_figure_of_a_simulated_recording_and_of_the_table_is_known() -> None:
     assert len(NAMES) > 100
-    assert [name for name in (*NAMES, *(word.base for word in WORDS)) if unknown_metric_hint(name) is not None] == []
+    assert [
+        name for name in (*NAMES, *(metric.name for metric in METRICS)) if unknown_metric_hint(name) is not None
+    ] == []
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ import pytest
 from made_up import run
 
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.evaluate.metric_names import OF_MANY
+from occlog.evaluate.metric_names import METRICS
 from occlog.evaluate.stage import evaluate
-from occlog.report.content.metrics_in_words import WORDS, groups, number
+from occlog.report.content.metrics_in_words import groups, number
 
 MINUS = "\N{MINUS SIGN}"
 SPACE = "\N{NARROW NO-BREAK SPACE}"
@@ -97,15 +97,14 @@ def test_there_is_a_word_for_everything_that_evaluate_says() -> None:
     assert sum(len(g.figures) for g in groups(found.metrics, "m")) > 60
 
 
-def test_there_is_a_word_and_a_unit_for_every_figure_of_many_targets() -> None:
-    own = set(OF_MANY.split()) - {"tracks_independent_ids"}
-    lengths = {"ospa2", "ospa2_localisation", "ospa2_cardinality", "ospa2_window", "tgospa", "matched_rmse"}
-    lengths |= {"matched_error_median", "matched_error_p95", "matched_gate"}
-    areas = {"tgospa_localisation", "tgospa_missed", "tgospa_false", "tgospa_switch"}
-    names = {f"{n}_m" if n in lengths else f"{n}_m2" if n in areas else n for n in own} | {"motp_m", "gospa_missed_m2"}
-    (group,) = groups(dict.fromkeys([*names, "tracks_independent_ids", "tracks"], 1.0), "m")
-    assert len(group.figures) == len(names) + 1
-    assert {f.unit for f in group.figures if f.name.startswith("trajectory GOSPA, ")} == {"m²"}
+@pytest.mark.parametrize(("length", "of"), [("m", ""), ("", " of 1 - IoU")])
+def test_figures_on_the_ground_and_of_boxes_have_their_own_label_and_unit(length: str, of: str) -> None:
+    end, power = (f"_{length}", "2") if length else ("", "")
+    (group,) = groups({f"motp{end}": 0.5, f"gospa_missed{end}{power}": 1.0, "tracks": 1.0}, "m")
+    assert {f.name: f.unit for f in group.figures if f.name != "tracks"} == {
+        f"MOTP{of}": length,
+        f"mean GOSPA, missed{of}": "m²" if length else "",
+    }
 
 
 def test_accuracy_without_an_error_is_left_out() -> None:
@@ -113,8 +112,10 @@ def test_accuracy_without_an_error_is_left_out() -> None:
 
 
 def test_no_word_twice() -> None:
-    keys = [(word.base, word.unit) for word in WORDS]
-    assert len(keys) == len(set(keys))
+    names = [metric.name for metric in METRICS]
+    assert len(names) == len(set(names))
+    labels = [(metric.group, metric.label) for metric in METRICS]
+    assert len(labels) == len(set(labels))
 
 
 def test_headline_agrees_with_evaluate() -> None:

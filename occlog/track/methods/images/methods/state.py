@@ -234,7 +234,7 @@ class ImageTrackers(NamedTuple):
     counterpart: Ints  # (n, V) row of the tracker of the same target in each other view; -1: none
     good: Bools  # (n, V) whether the counterpart is good, [Qu] Sec. 3.4.2
     streak: Ints  # (n, V) loop checks in a row that contradict `good`
-    checked: Bools  # (n, V) whether there was a loop check since the younger of both was born
+    checked: Bools  # (n, V) whether there was a loop check since the younger of both was initiated
     split: Bools  # (n,) whether the colours are those of the upper and the lower half
 
 

@@ -225,7 +225,7 @@ def choose_views(recording: McapRecording, only: tuple[str, ...], without: tuple
     return names
 
 
-FROM_DETECTIONS = "trackers were born from detections, so that their numbers are not those of targets"
+FROM_DETECTIONS = "trackers were initiated from detections, so that their numbers are not those of targets"
 
 
 def video_provenance(tracks: Path | None) -> Provenance | None:

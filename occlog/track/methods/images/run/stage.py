@@ -185,7 +185,7 @@ STEPS_PER_PART = 64
 START_VARIANCE = 1.0
 """Variance of a centre that was given or detected [px^2], each axis."""
 MAX_COMPARISON_AGE_PERIODS = 1.5
-"""Age [frame periods] to which a tracker's ellipse is compared with that of a tracker born in another view."""
+"""Age [frame periods] to which a tracker's ellipse is compared with that of a tracker initiated in another view."""
 
 
 class Start(NamedTuple):
