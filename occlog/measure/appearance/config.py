@@ -13,7 +13,10 @@ MAX_LEVELS = 15
 
 @dataclass(frozen=True)
 class SightingConfig(Settings):
-    """Settings for the assignment of boxes to people with viewing angles; lengths in the scene's unit."""
+    """Settings for sightings of people, that is the assignment of boxes to tracks with viewing angles.
+
+    Lengths are in the scene's unit.
+    """
 
     OWNER: ClassVar[str] = "appearance"
 

@@ -25,7 +25,7 @@ MAX_WINDOW_S = 1.0
 
 @dataclass(frozen=True)
 class DoaConfig(Settings):
-    """Settings of listening; times in seconds, angles in degrees."""
+    """Settings of the estimation of directions of arrival; times in seconds, angles in degrees."""
 
     OWNER: ClassVar[str] = "listen"
 

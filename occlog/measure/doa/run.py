@@ -38,7 +38,11 @@ Pairs = tuple[tuple[str | None, T], ...]
 
 
 class _Plan(NamedTuple):
-    """Channels, arrays and settings of a request."""
+    """Parsed inputs and settings of a request.
+
+    Files of sounds and of arrays with the names of arrays (None: not named); channels from 0 (empty: all); texts of the
+    start times by array; settings.
+    """
 
     scene: Path | None
     sounds: Pairs[Path]  # (array or None, path)
@@ -49,7 +53,7 @@ class _Plan(NamedTuple):
 
 
 def _plan(request: DoaRequest) -> _Plan:
-    """Plan of a request; UsageError or SettingError if invalid."""
+    """Parse a request; UsageError or SettingError if it is invalid."""
     settings = dict(request.settings)
     if request.source_limit is not None:
         settings["max_sources"] = parse_most(request.source_limit)
@@ -66,7 +70,7 @@ def _plan(request: DoaRequest) -> _Plan:
 
 
 def parse_most(text: str) -> int:
-    """Parse the number of directions per frame, 1 to 100; 0 for `auto`."""
+    """Parse the maximum number of directions per frame, 1 to 100; 0 for `auto`; UsageError for anything else."""
     if text == "auto":
         return 0
     if not (text.isdecimal() and 1 <= int(text) <= 100):
@@ -86,7 +90,7 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Find directions of arrival in sound files and write them; return the summary and the losses."""
+    """Estimate directions of arrival in sound files and write them; return the summary and the losses."""
     plan = _plan(request)
     library()  # before anything is read
     scene = _scene(plan)
@@ -164,10 +168,10 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
 def _directions(
     scene: Scene, name: str, sound: Sound, plan: _Plan, tally: DoaTally, channels: Channels, job: Job
 ) -> Iterator[Doa]:
-    """Generate the directions of the array `name` by world time.
+    """Generate tables of the directions of the array `name`, sorted by world time.
 
-    InputError for a file shorter than a frame, or with other channels than the array; `tally` and `channels` are
-    updated.
+    `tally` and `channels` are updated in place. InputError for a file shorter than a frame, or with another number of
+    channels than the array has microphones.
     """
     array = next(a for a in scene.arrays if a.name == name)
     _check_channels(sound, array, plan.channels)

@@ -41,7 +41,11 @@ CAUSES = (
 
 
 class FusionDecisions(NamedTuple):
-    """Global decision at each time, and the classification of each local detection."""
+    """Global decision of [Lee] Ch. 4 at each of N times, and what becomes of each detection of J cameras.
+
+    Fields: object declared, log-likelihood ratio and global position at each time; prior probability P_1; quality W and
+    index into `CAUSES` of each detection.
+    """
 
     declared: Bools  # (N,) an object is there (G_1)
     value: Floats  # (N,) decision value, natural log
@@ -62,7 +66,10 @@ class FusionDecisions(NamedTuple):
 
     @property
     def removed(self) -> Bools:
-        """(N, J) mask of removed local detections; for cause REMOVED_FAR they are replaced by the global position."""
+        """(N, J) mask of removed detections: no object is declared, or they are beyond the gate of its global position.
+
+        With the cause REMOVED_FAR the camera still gets the global position of the declared object as its detection.
+        """
         return np.asarray((self.cause == REMOVED_FALSE) | (self.cause == REMOVED_FAR))
 
 
@@ -80,15 +87,15 @@ def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
 
 
 def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats:
-    """(N, 2) mean of the detections weighted by quality; NaN with no detection ([Lee] Eq. 4.22).
+    """(N, 2) mean of the detections weighted by quality W; NaN with no detection ([Lee] Eq. 4.22).
 
-    The weights are relative to the largest, so that they do not all underflow for distant detections. Without a
-    prediction (NaN) the weights are equal.
+    Weights are computed relative to the largest of the time, so that they do not all underflow for distant detections.
+    Where the prediction is NaN the weights are equal.
 
     Args:
-        positions: (N, J, 2) detections of J cameras; NaN: none.
-        predicted: (N, 2) predictions.
-        sigma: standard deviation of detections from the prediction.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
+        predicted: (N, 2) predicted ground positions; NaN: unknown.
+        sigma: standard deviation of detections from the prediction [length], > 0.
     """
     detected = _detected(positions)
     exponent = np.where(detected, np.nan_to_num(_exponent(positions, predicted[:, None, :], sigma)), np.inf)
@@ -153,18 +160,19 @@ def weighted_value(
     observing: Bools | None = None,
     edge: float = EDGE,
 ) -> Floats:
-    """(N,) prior log odds plus the terms of all cameras (natural log).
+    """(N,) natural-log odds that an object is present: prior log odds plus one term for each of J cameras.
 
-    With weight 0 it is [Lee] Eq. 4.3, with log W/(1 - W) Eq. 4.13.
+    A detection adds log (1 - P_M)/P_F + weight, a miss log P_M/(1 - P_F). With weight 0 this is [Lee] Eq. 4.3, with
+    weight log W/(1 - W) Eq. 4.13. Above 0 the object is declared.
 
     Args:
-        detected: (N, J) detections of J cameras.
-        weight: (N, J) added for detections.
-        prior: probability of an object.
-        p_miss: of a missed detection, for each camera or one for all.
-        p_false: of a false alarm, likewise.
-        observing: (N, J) cameras that count; None: all.
-        edge: probabilities are limited to [edge, 1 - edge].
+        detected: (N, J) mask of detections.
+        weight: (N, J) log odds added for each detection; ignored where nothing was detected.
+        prior: probability that an object is present, one number or (N,).
+        p_miss: P_M, probability of a missed detection, one number, (J,) or (N, J).
+        p_false: P_F, probability of a false alarm, one number, (J,) or (N, J).
+        observing: (N, J) mask of cameras that count; None: all.
+        edge: probabilities are clipped to [edge, 1 - edge].
     """
     miss, false = (np.clip(np.asarray(p, dtype=np.float64), edge, 1.0 - edge) for p in (p_miss, p_false))
     hit_term = np.log1p(-miss) - np.log(false) + weight
@@ -217,14 +225,14 @@ def fuse(
 
 
 def _causes(positions: Floats, xy: Floats, declared: Bools, observing: Bools, gate: float) -> Codes:
-    """(N, J) classification of each local detection (index in CAUSES).
+    """(N, J) index into `CAUSES` for each camera at each time, as int8.
 
     Args:
-        positions: (N, J, 2) detections of J cameras; NaN: none.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
         xy: (N, 2) global positions.
-        declared: (N,) an object is declared.
-        observing: (N, J) cameras that count.
-        gate: detections farther from the global position are removed.
+        declared: (N,) mask of times at which an object is declared.
+        observing: (N, J) mask of cameras that take part.
+        gate: detections farther than this from the global position are removed [length].
     """
     far = _distance(positions, xy[:, None, :]) > gate
     if_declared = np.where(_detected(positions), np.where(far, REMOVED_FAR, KEPT), RECOVERED)
@@ -240,7 +248,7 @@ def _log_odds(p: Floats, edge: float) -> Floats:
 
 
 def _exponent(a: Floats, b: Floats, sigma: float) -> Floats:
-    """(...) squared distances of positions a and b (..., 2), over 2 sigma^2."""
+    """Exponents |a - b|^2 / (2 sigma^2) of Gaussian weights, for positions a and b (..., 2); shape (...)."""
     return np.asarray(((a - b) ** 2).sum(axis=-1) / (2.0 * sigma**2))
 
 
@@ -249,7 +257,7 @@ def _distance(a: Floats, b: Floats) -> Floats:
 
 
 def _detected(positions: Floats) -> Bools:
-    """Mask of positions with finite coordinates."""
+    """Mask of shape (...) of positions (..., 2) with finite coordinates."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
@@ -258,7 +266,12 @@ NEAREST = 1e-6
 
 
 class LocalDirections(NamedTuple):
-    """R local detections as directions from sensors, some with distances."""
+    """R local detections as lines of sight on the ground, some with the distance of the object.
+
+    Fields, all (R,) but `origin` (R, 2): index of the sensor, its ground position, azimuth in the world and its
+    standard
+    deviation [rad], distance along the ground and its standard deviation [length], NaN where unknown.
+    """
 
     sensor: Ints  # (R,) which sensor
     origin: Floats  # (R, 2)
@@ -280,18 +293,20 @@ class LocalDirections(NamedTuple):
 
 
 class PositionWithCovariance(NamedTuple):
-    """A position on the ground with its covariance."""
+    """Position (2,) on the ground with its covariance (2, 2), in the scene's length unit."""
 
     xy: Floats  # (2,)
     cov: Floats  # (2, 2)
 
 
 def deviations(sight: LocalDirections, position: PositionWithCovariance) -> tuple[Floats, Floats]:
-    """Offsets of local detections from a position, and their variances (without the position's).
+    """Offsets of R lines of sight from a position on the ground, and the variances of the lines themselves.
+
+    The covariance of the position is not used.
 
     Returns:
-        (R, 2) offsets across and along each line; across is infinite for a line that points away, along is 0
-        where the distance is not known.  (R, 2) variances of the two.
+        (R, 2) offsets across and along each line [length]; across is infinite for a line that points away from the
+        position, along is 0 where the distance is unknown. (R, 2) variances of both [length^2].
     """
     away = position.xy - sight.origin
     r = np.maximum(np.hypot(away[:, 0], away[:, 1]), NEAREST)
@@ -305,9 +320,10 @@ def deviations(sight: LocalDirections, position: PositionWithCovariance) -> tupl
 
 
 def misfit(sight: LocalDirections, position: PositionWithCovariance, extra: float = 0.0) -> Floats:
-    """(R,) squared Mahalanobis distance of local detections from a position; `extra`: additional variance [length^2].
+    """(R,) squared Mahalanobis distances of R local detections from a position on the ground.
 
-    One degree of freedom for a line, two with known distance.
+    Chi-square with one degree of freedom for a line of sight, two for one with a known distance; infinite for a line
+    that points away. The covariances of detection and position are added, and `extra` [length^2] on both axes.
     """
     offset, variance = deviations(sight, position)
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
@@ -325,11 +341,14 @@ def misfit(sight: LocalDirections, position: PositionWithCovariance, extra: floa
 
 
 def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance | None:
-    """Intersection of lines; or else the mean of those with a distance; None without either.
+    """Position with covariance from the local detections of one object; None if they determine none.
+
+    The intersection of the lines of sight (Gaussian errors) where they intersect; otherwise the inverse-covariance
+    weighted mean of the detections with a known distance.
 
     Args:
-        sight: of one object.
-        min_crossing: lines that cross at smaller angles do not meet [rad].
+        sight: local detections of one object.
+        min_crossing: lines that cross at smaller angles do not intersect [rad].
     """
     rows = np.array([0, len(sight.azimuth)])
     found = triangulate(sight.origin, sight.azimuth, sight.sigma, rows, "gauss", min_crossing)
@@ -345,7 +364,7 @@ def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance 
 
 
 def points(sight: LocalDirections) -> tuple[Floats, Floats]:
-    """(R, 2) positions of local detections with distances, and their covariances (R, 2, 2)."""
+    """Ground positions (R, 2) of R local detections with known distances, and their covariances (R, 2, 2)."""
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
     xy = sight.origin + sight.distance[:, None] * np.column_stack([c, s])
     across, along = (sight.distance * sight.sigma) ** 2, sight.sigma_distance**2
@@ -355,7 +374,10 @@ def points(sight: LocalDirections) -> tuple[Floats, Floats]:
 
 
 class MotionEstimate(NamedTuple):
-    """State of a target with nearly constant velocity: x, y, vx, vy and covariance."""
+    """State x, y, vx, vy of an object on the ground with nearly constant velocity, at the time `t_ns` [ns].
+
+    Mean (4,) and covariance (4, 4), in the scene's length unit and seconds.
+    """
 
     t_ns: int
     mean: Floats  # (4,)
@@ -375,7 +397,10 @@ def begin(t_ns: int, position: PositionWithCovariance, speed: float) -> MotionEs
 
 
 def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstimate:
-    """Predict to the time `t_ns` [ns] ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
+    """Predict the motion of an object to the time `t_ns` [ns] by nearly constant velocity ([Lee] Eq. 4.19).
+
+    `acceleration` is the spectral density of white acceleration noise [length^2/s^3].
+    """
     dt = (t_ns - motion.t_ns) * 1e-9
     step = np.eye(4)
     step[0, 2] = step[1, 3] = dt
@@ -384,14 +409,14 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
 
 
 def corrected_by_place(motion: MotionEstimate, position: PositionWithCovariance) -> MotionEstimate:
-    """Kalman update of the motion of an object by a measured position."""
+    """Kalman update of the motion of an object by a position measured at the time of the state."""
     return _corrected(motion, np.eye(2, 4), position.xy - motion.mean[:2], position.cov)
 
 
 def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionEstimate:
-    """Kalman update of the motion of an object by lines of sight, one after the other; their distances are not used.
+    """Kalman update of the motion of an object by lines of sight measured at its time, one after the other.
 
-    Lines that point away from the object are omitted.
+    Distances of the detections are not used. Lines that point away from the object are omitted.
     """
     for row in range(len(sight.azimuth)):
         offset, variance = deviations(sight.take(np.array([row])), motion.position)
@@ -404,10 +429,10 @@ def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionE
 
 
 def _corrected(motion: MotionEstimate, H: Floats, innovation: Floats, R: Floats) -> MotionEstimate:
-    """Kalman update (Joseph form) of x, y, vx, vy.
+    """Kalman update (Joseph form) of the state x, y, vx, vy; its time is unchanged.
 
     Args:
-        motion: before.
+        motion: predicted state.
         H: (m, 4) measurement matrix.
         innovation: (m,) measured minus predicted.
         R: (m, m) covariance of the measurement.
