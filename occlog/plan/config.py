@@ -15,7 +15,7 @@ MAX_PEOPLE = 1000
 
 @dataclass(frozen=True)
 class PlanConfig(Settings):
-    """Settings of walkers, accuracy of the map, and the placement criterion; lengths in the scene's unit."""
+    """Settings of the walking people, the filter, and the map of expected errors; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "plan"
 
