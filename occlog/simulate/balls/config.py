@@ -18,7 +18,7 @@ FASTEST = 2.0
 
 @dataclass(frozen=True)
 class BallsConfig(Settings):
-    """Settings of balls: number, motion, cameras and rendering."""
+    """Settings of the video of balls: number, motion, cameras and rendering; lengths in pixels."""
 
     OWNER: ClassVar[str] = "balls"
 
