@@ -117,9 +117,8 @@ class Clocks(NamedTuple):
 class BodyPrior(NamedTuple):
     """Prior of body sizes, in scene units.
 
-    Mean height and width of people with their standard deviations among people, standard deviation of the mean height,
-    and
-    length of a metre in scene units.
+    Mean height and width of people with their standard deviations among people, standard deviation of the mean
+    height, and length of a metre in scene units.
     """
 
     height: float
@@ -142,8 +141,10 @@ class Adjusted(NamedTuple):
 
     Attributes:
         cameras: adjusted cameras with their poses.
-        values: (C, 12) changes of the parameters, in the order of `TURN` to `LOWER`.
-        covariance: (C 12, C 12) of the parameters; 0 for fixed ones.
+        values: (C, 12) changes of the parameters of each camera: rotation vector in its frame (3) [rad], translation in
+            the world (3), logarithm of the focal length, first radial coefficient, delay of the clock [s], its drift,
+            biases of the upper and lower edges of boxes, downwards [heights of the box].
+        covariance: (C 12, C 12) covariance of `values`, row by row; 0 for fixed ones.
         states: (K, 6) x, y, vx, vy, height and width of the people at the knots.
         mean_height: mean height of people, in scene units.
         residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
@@ -164,9 +165,10 @@ class Adjusted(NamedTuple):
 
 
 def changed(camera: Camera, values: Floats) -> Camera:
-    """Return a camera with its pose, focal length and distortion changed by parameters `values` (12,).
+    """Camera with its pose, focal length and distortion changed by parameters (12,); see `Adjusted.values`.
 
-    The order is that of `TURN` to `LOWER`; clock and biases have no effect.
+    Only the first eight have an effect: rotation vector in the camera's frame (3) [rad], translation in the world (3),
+    logarithm of the focal length, and first radial coefficient.
     """
     distortion = camera.distortion
     if values[RADIAL] != 0.0:
@@ -228,9 +230,8 @@ class Adjustment:
     def _bias_slopes(self) -> Floats:
         """(N, 4, 7) derivatives of the box edges by seven biases, at the start values.
 
-        The biases are the camera's own of the upper and of the lower edges, then those common to all cameras, without
-        the mean
-        height (`COMMON`).
+        The biases are the camera's own of the upper and of the lower edges, then those common to all cameras,
+        without the mean height (`COMMON`).
         """
         seen, height = self.seen, self.body.height
         out, box = np.zeros((len(seen.camera), 4, COMMON + 1)), np.zeros((len(seen.camera), 4))
@@ -251,7 +252,10 @@ class Adjustment:
         return out
 
     def run(self) -> Adjusted:
-        """Minimise, rescale the noise, and minimise again; return the result with its covariance."""
+        """Adjust cameras, clocks, paths and body sizes to the boxes; return the result with its covariance.
+
+        A few searches of limited length, after each of which the noise is scaled to the residuals, then one to the end.
+        """
         for limit in ROUGH_ITERATIONS:
             self._search(limit)
             self._rescale()
@@ -393,9 +397,8 @@ class Adjustment:
     def _reduced(self, equations: _Equations, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
         """Normal equations of the cameras after elimination of the paths (Schur complement).
 
-        `damping` is relative to the diagonal of the paths' blocks; `inflate` (4,) are factors of the variances of the
-        edges
-        left, top, right, bottom.
+        `damping` is relative to the diagonal of the paths' blocks; `inflate` (4,) are factors of the variances of
+        the edges left, top, right, bottom.
         """
         seen, C, body = self.seen, len(self.cameras), self.body
         K, M = len(seen.time), len(self.values)

@@ -51,9 +51,8 @@ MAX_BOXES = 60_000
 def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOutput:
     """Calibrate cameras by people who walk, and microphone arrays by people who speak.
 
-    Returns the scene with the calibrated sensors, checks and figures. InputError for boxes of fewer than two cameras,
-    or
-    if these do not determine the poses.
+    Returns the scene with the calibrated sensors, checks and figures. InputError for boxes of fewer than two
+    cameras, or if these do not determine the poses.
     """
     config = configure(CalibrateConfig(), request.settings)
     inputs = ImageInput(
@@ -281,9 +280,8 @@ def _frame(found: Calibrated) -> dict[str, float]:
 def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> tuple[Check, ...]:
     """Checks of the calibration with their findings.
 
-    `stated` are the cameras before the calibration, in the order of `found.cameras`; `metre` is the length of a metre
-    in
-    scene units.
+    `stated` are the cameras before the calibration, in the order of `found.cameras`; `metre` is the length of a
+    metre in scene units.
     """
     known = any(c.has_height for c in stated)
     return (
@@ -311,9 +309,8 @@ def _loose(found: Calibrated) -> Iterator[Check]:
 def _moved(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> Iterator[Check]:
     """Report cameras with a pose farther from the stated one than `MAX_MOVED` times its standard deviation.
 
-    `stated` are the cameras before the calibration, in the order of `found.cameras`; `metre` is the length of a metre
-    in
-    scene units.
+    `stated` are the cameras before the calibration, in the order of `found.cameras`; `metre` is the length of a
+    metre in scene units.
     """
     for each, camera in zip(found.cameras, stated, strict=True):
         if not (each.estimated and camera.has_height):

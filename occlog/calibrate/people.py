@@ -64,16 +64,17 @@ def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Comp
 
 
 def persons(tracklets: Sequence[Tracklet], clocks: Clocks, times: Floats, max_gap_s: float, height: float) -> Ints:
-    """(n,) index of the person of each tracklet: tracklets of several cameras that coincide on the ground are joined.
+    """(n,) person of each tracklet, as index of one of its tracklets; those that coincide on the ground are joined.
 
-    Pairs are joined greedily, unless two tracks of one camera would be of one person at the same time.
+    Tracklets of two cameras are joined greedily, pairs with the most common times and least distance first, unless two
+    tracks of one camera would be of one person at the same time.
 
     Args:
         tracklets: n tracklets of all cameras.
         clocks: clocks of the cameras.
         times: (T,) grid of times at which positions are compared [s].
         max_gap_s: longest gap of a tracklet that is interpolated [s].
-        height: height of a person, in the unit of the positions.
+        height: height of a person, in the unit of the positions; it scales the largest distance.
     """
     n = len(tracklets)
     grid = np.array([on_grid(t.t_s - clocks.errors(t.camera, t.t_s), t.xy, times, max_gap_s) for t in tracklets])
@@ -124,9 +125,8 @@ def observations(
 ) -> tuple[Observations, Floats]:
     """Arrange boxes of people as observations for the bundle adjustment; also return initial states (K, 6).
 
-    Paths are split at gaps of `MAX_GAP_S`; those that too few cameras see are dropped, and at most `MAX_KNOTS` knots
-    used.
-    States are x, y, vx, vy, height, width.
+    Paths are split at gaps of `MAX_GAP_S`; those that too few cameras see are dropped, and at most `MAX_KNOTS`
+    knots used. States are x, y, vx, vy, height, width.
 
     Args:
         rows: person, camera, stamped time [s], box (4,), and ground position as x + i y, of each box.

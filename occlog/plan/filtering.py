@@ -240,9 +240,9 @@ def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
 def _update_into(row: Floats, information: Floats, work: Floats) -> float:
     """Update a hypothesis by a measurement, in place; return its log-likelihood up to a constant common to all.
 
-    The measurement is I x + noise. With M = 1 + I P_xx: gain W = P_x M^-1 for it minus I x, G = W I for the position;
-    the
-    filter covariance becomes P - G P_x^T, that of the actual errors (1 - G H) R (1 - G H)^T + W I W^T.
+    The measurement is I x + noise. With M = 1 + I P_xx: gain W = P_x M^-1 for it minus I x, G = W I for the
+    position; the filter covariance becomes P - G P_x^T, that of the actual errors (1 - G H) R (1 - G H)^T + W I
+    W^T.
 
     Args:
         row: (`WIDTH`,) hypothesis: probability, state, triangles of the assumed and the true covariance.
@@ -323,8 +323,7 @@ class Motion(NamedTuple):
     """Parameters of a random walk fitted to its second moments: speed, turn rate and position noise.
 
     `speed`: root mean square velocity [length/s]; `turns`: rate at which the velocity is redrawn [1/s]; `sigma`:
-    position
-    noise per axis, accumulated over 1 s [length].
+    position noise per axis, accumulated over 1 s [length].
     """
 
     speed: float  # root mean square of the velocity, per second
@@ -360,9 +359,13 @@ class ExpectedPosteriors(NamedTuple):
 
 
 def noise_of(information: Floats, chance: Floats) -> Floats:
-    """Draw measurement noise (2, N, T) with the covariance `information` (3, N, T: xx, xy, yy).
+    """Noise (2, N, T) of a measurement in information form: the information matrix times the error of a position.
 
-    `chance` (2, N, T) are standard normal numbers, which a root of the covariance multiplies.
+    The covariance of this noise is the information matrix itself.
+
+    Args:
+        information: (3, N, T) entries xx, xy, yy of the information matrix of N targets at T steps.
+        chance: (2, N, T) standard normal numbers, which the Cholesky factor of the matrix multiplies.
     """
     xx, xy, yy = information
     root = np.sqrt(xx)

@@ -46,10 +46,9 @@ MAX_WALK_STEPS = 5_000_000
 class PreparedPlan(NamedTuple):
     """A scene prepared for planning: C floor cells with weights, simulated walks, and the information of each sensor.
 
-    Visits of people to cells and paths of N targets in T steps from these; `chance` (2, N, T) are the standard normal
-    numbers of all measurement noise; `start` is mean and covariance of a position in the room; `motion` the walk's
-    fitted
-    parameters.
+    Visits of people to cells and paths of N targets in T steps from these; `chance` (2, N, T) are the standard
+    normal numbers of all measurement noise; `start` is mean and covariance of a position in the room; `motion` the
+    walk's fitted parameters.
     """
 
     scene: Scene

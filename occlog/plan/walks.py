@@ -44,9 +44,8 @@ FINE = 2000
 class Walked(NamedTuple):
     """N targets on their paths of T steps, and all n people at the same times (the targets among them).
 
-    Positions of targets (N, T, 2) and of all people in K steps (K, n, 2); for each target the step at which its path
-    begins
-    and its index among the people, -1 for none; time between steps [s].
+    Positions of targets (N, T, 2) and of all people in K steps (K, n, 2); for each target the step at which its
+    path begins and its index among the people, -1 for none; time between steps [s].
     """
 
     ways: Floats  # (N, T, 2)

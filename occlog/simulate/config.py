@@ -201,8 +201,7 @@ class ReadConfig(Settings):
     """Settings of tag readers; every target carries a tag.
 
     A read at a distance of d metres has the strength power - 10 exponent log10(d) [dBm], plus the shadowing of the
-    reader
-    and tag, which changes slowly, plus white noise.
+    reader and tag, which changes slowly, plus white noise.
     """
 
     OWNER: ClassVar[str] = "reads"
@@ -342,7 +341,7 @@ class MeasureConfig(Settings):
 
 @dataclass(frozen=True)
 class RenderConfig(Settings):
-    """Appearance of the video."""
+    """Settings of the rendered video: noise, light, shadows, clothes, and the diameter that gives the scale."""
 
     OWNER: ClassVar[str] = "render"
 

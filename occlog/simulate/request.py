@@ -122,7 +122,7 @@ class SceneRequest(SimulateRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class _WithoutFile(SimulateRequestBase):
-    """A video of a built-in scene."""
+    """Request of `occlog simulate` for a video of a built-in scene, in place of a scene file."""
 
     kind: str | None = setting(
         None,

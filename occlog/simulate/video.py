@@ -91,9 +91,8 @@ def film(
 ) -> None:
     """Render the images of all cameras along the true paths, and write them and the true boxes.
 
-    Images go into the recording, or into a video file per camera next to it. Without settings of the renderer nothing
-    is
-    done, and the chunks are not consumed.
+    Images go into the recording, or into a video file per camera next to it. Without settings of the renderer
+    nothing is done, and the chunks are not consumed.
 
     Args:
         writer: writer of the recording.

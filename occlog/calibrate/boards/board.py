@@ -235,9 +235,8 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
 class _Fit(NamedTuple):
     """Result of a fit of intrinsics.
 
-    Camera matrix (3, 3), distortion (5,), standard deviations of the intrinsics, root mean square residual of all views
-    and
-    of each [px], and largest angle of a board to their mean [deg].
+    Camera matrix (3, 3), distortion (5,), standard deviations of the intrinsics, root mean square residual of all
+    views and of each [px], and largest angle of a board to their mean [deg].
     """
 
     matrix: Floats

@@ -206,10 +206,9 @@ class _Fit(NamedTuple):
     """A local maximum of the likelihood of a microphone array's pose.
 
     `values` (5,): x, y, correction of the yaw [rad], delay of the clock [s], height above mouths; `gain`:
-    log-likelihood
-    ratio to all directions being of other sources; `of_people`: expected number of directions of people, and `share` of
-    all;
-    `scale`: factor of the stated standard deviations; `covariance` (5, 5) of the values, empty if not computed.
+    log-likelihood ratio to all directions being of other sources; `of_people`: expected number of directions of
+    people, and `share` of all; `scale`: factor of the stated standard deviations; `covariance` (5, 5) of the
+    values, empty if not computed.
     """
 
     values: Floats
@@ -338,9 +337,8 @@ def _near(a: Floats, b: Floats, metre: float) -> bool:
 def _starts(part: _Problem, prior: ArrayPrior) -> list[Floats]:
     """At most `STARTS` initial parameters (5,) for the search: poses at which most directions agree with people.
 
-    Votes over a grid of positions, yaws and clock offsets propose them; the likelihood selects. `part` is the problem
-    with
-    few directions.
+    Votes over a grid of positions, yaws and clock offsets propose them; the likelihood selects. `part` is the
+    problem with few directions.
     """
     step, around = GRID * prior.metre, AROUND * prior.metre
     there = part.xy[np.isfinite(part.xy)]
@@ -521,7 +519,10 @@ def _normal(terms: _Terms, w: _Weighed, late_precision: float, values: Floats) -
 
 
 def _late_precision(problem: _Problem) -> float:
-    """Inverse variance of the prior of the clock offset [1/s^2]: the largest offset is two standard deviations."""
+    """Inverse variance of the prior of the clock offset [1/s^2]: the largest offset is two standard deviations.
+
+    1 if no offset is allowed.
+    """
     return 4.0 / problem.max_late_s**2 if problem.max_late_s else 1.0
 
 
@@ -579,8 +580,7 @@ def _inverse(matrix: Floats, missing: Floats, unit: Floats) -> Floats:
     """(5, 5) inverse of the observed information (Louis 1982): complete information less what is missing.
 
     At least a tenth of the complete information is kept. An undetermined parameter has a standard deviation of a
-    thousand
-    of its units.
+    thousand of its units.
 
     Args:
         matrix: (5, 5) information if all associations were known.

@@ -254,9 +254,8 @@ def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 def joined(count: int, pairs: Sequence[PairAlignment]) -> list[PlanarPose | None]:
     """Planar poses of all cameras in the frame of the one with most support; None for cameras not connected to it.
 
-    Along the spanning tree with the largest support. `count` is the number of cameras; pairs with too little support
-    are
-    ignored.
+    Along the spanning tree with the largest support. `count` is the number of cameras; pairs with too little
+    support are ignored.
     """
     good = [each for each in pairs if each.support >= MIN_SUPPORT and each.share >= MIN_SHARE]
     poses: list[PlanarPose | None] = [None] * count

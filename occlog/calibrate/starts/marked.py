@@ -48,16 +48,14 @@ def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose
     """Estimate the pose of a camera by least squares over marked points, and its focal length if unknown.
 
     Args:
-        camera: camera with its lens; a focal length of 1 px or less means unknown: it is estimated with square pixels,
-            a
-            principal point in the middle and no distortion.
+        camera: camera with its lens; a focal length of 1 px or less means unknown: it is estimated with square
+            pixels, a principal point in the middle and no distortion.
         pixels: (n, 2) marks in the image.
         points: (n, 3) positions in the world; all with z = 0 if the focal length is unknown.
 
     Raises:
-        InputError: too few points, points on a line, a point with a residual above `MAX_RESIDUAL_PX`, a camera below
-            the
-            floor, or an undetermined focal length.
+        InputError: too few points, points on a line, a point with a residual above `MAX_RESIDUAL_PX`, a camera
+            below the floor, or an undetermined focal length.
     """
     where, n = f"camera {camera.name}", len(points)
     if n < MIN_POINTS:

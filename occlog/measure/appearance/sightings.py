@@ -197,10 +197,9 @@ VIEWS_LEVELS = 8
 class FrameBoxes(NamedTuple):
     """The n boxes of one frame: time [ns], camera, frame number, and arrays of the boxes.
 
-    `box` (n,) are their numbers; `identity` (n,) is -1 (`NO_ID`) for none; `edges` (n, 4) are left, top, right, bottom
-    [px];
-    `density` (n, m) normalised colour histograms, or (n, 0) if they are to be taken from the image; `pixels` (n,) the
-    numbers of pixels in them.
+    `box` (n,) are their numbers; `identity` (n,) is -1 (`NO_ID`) for none; `edges` (n, 4) are left, top, right,
+    bottom [px]; `density` (n, m) normalised colour histograms, or (n, 0) if they are to be taken from the image;
+    `pixels` (n,) the numbers of pixels in them.
     """
 
     t_ns: int
@@ -216,9 +215,8 @@ class FrameBoxes(NamedTuple):
 class Sighting(NamedTuple):
     """Appearances and viewing angles of the n boxes of one frame.
 
-    Fields: the boxes; identity of each box's track, -1 for none; viewing angle [rad], NaN if unknown; share covered by
-    a
-    nearer box, 0 to 1; normalised colour histograms (n, m), NaN without pixels; numbers of pixels.
+    Fields: the boxes; identity of each box's track, -1 for none; viewing angle [rad], NaN if unknown; share covered
+    by a nearer box, 0 to 1; normalised colour histograms (n, m), NaN without pixels; numbers of pixels.
     """
 
     boxes: FrameBoxes

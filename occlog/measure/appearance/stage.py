@@ -28,8 +28,7 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
     """Return the gallery: mean colour histogram of each target and viewing angle; every pixel has the same weight.
 
     Boxes without a track, with an unknown viewing angle, covered, or with too few pixels are skipped. The table is
-    empty if
-    no viewing angle of any person has enough boxes.
+    empty if no viewing angle of any person has enough boxes.
     """
     counts: dict[tuple[int, int], Floats] = {}
     samples: dict[tuple[int, int], int] = {}
@@ -107,11 +106,9 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
     """Compare each box with each target at the same viewing angle; generate one table per frame.
 
     A box is identified as the most similar target if the similarity is at least `config.min_similarity`; of several
-    boxes
-    most similar to one target only the most similar one is. Comparisons are suspended for a target without this viewing
-    angle in the gallery `sides`, and for all targets if the viewing angle is unknown, or too much of the box is
-    covered, or
-    it has too few pixels.
+    boxes most similar to one target only the most similar one is. Comparisons are suspended for a target without
+    this viewing angle in the gallery `sides`, and for all targets if the viewing angle is unknown, or too much of
+    the box is covered, or it has too few pixels.
     """
     n_targets, n_angles = sides.there.shape
     for each in sightings:

@@ -80,9 +80,9 @@ class LabelTally:
     def summary(self) -> dict[str, object]:
         """Return the figures of the summary by name.
 
-        rows: rows of the output. frames_of_tracks: frames with a track at their time. labelled, missed_detections: by
-        target,
-        rows that got its label and rows that were added. unassigned_candidates: candidates without a label.
+        rows: rows of the output. frames_of_tracks: frames with a track at their time. labelled, missed_detections:
+        by target, rows that got its label and rows that were added. unassigned_candidates: candidates without a
+        label.
         """
         return {
             "rows": self.rows,
@@ -180,7 +180,7 @@ class DecisionTally:
         self.reasons: Counter[str] = Counter()
 
     def add(self, part: AppearanceMatches) -> None:
-        """Add a table of whole frames, sorted by frame and box."""
+        """Count the boxes, pairs and decisions of a table of whole frames, sorted by frame and box."""
         fresh = np.append(True, (part.box[1:] != part.box[:-1]) | (part.sensor[1:] != part.sensor[:-1]))
         first = np.flatnonzero(fresh[: len(part)])
         self.rows += len(part)
@@ -190,11 +190,10 @@ class DecisionTally:
         self.reasons.update(part.reason[part.reason != ""].tolist())
 
     def summary(self) -> dict[str, object]:
-        """Return the figures of the summary by name.
+        """Figures of the summary by name.
 
         boxes: boxes of all frames. labelled: boxes identified as a person of the gallery. compared: pairs of a box and
-        a
-        target. suspended: number of pairs that were not compared, by reason.
+        a target. suspended: number of pairs that were not compared, by reason.
         """
         return {
             "boxes": self.boxes,

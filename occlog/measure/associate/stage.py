@@ -59,12 +59,10 @@ def label(
 ) -> Iterator[Labelled]:
     """Generate the bearings with candidates labelled by the tracks that they agree with, sorted by time.
 
-    In every frame of a sensor candidates are assigned one to one to the tracks at its time: the maximum number within
-    the gate, then the least sum of squared normalised bearing differences. A track without a candidate gets a row
-    without
-    detection. Rows that have a label keep it, and exclude its track. The result is independent of chunk borders; memory
-    is
-    bounded.
+    In every frame of a sensor candidates are assigned one to one to the tracks at its time: the maximum number
+    within the gate, then the least sum of squared normalised bearing differences. A track without a candidate gets
+    a row without detection. Rows that have a label keep it, and exclude its track. The result is independent of
+    chunk borders; memory is bounded.
 
     Args:
         bearings: chunks in the order of time.
@@ -217,9 +215,8 @@ def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Boo
 def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, positions: Floats) -> Floats:
     """(n, K) squared bearing differences between candidates and tracks, divided by their variances.
 
-    The variance is that of the bearing and of the track across the line of sight, limited to `ANY_DIRECTION`. Infinite
-    for
-    an absent track.
+    The variance is that of the bearing and of the track across the line of sight, limited to `ANY_DIRECTION`.
+    Infinite for an absent track.
 
     Args:
         table: bearings.

@@ -47,8 +47,7 @@ class EmStatistics(NamedTuple):
     """Sufficient statistics for the M-step of K clusters: pixels weighted by responsibility.
 
     `mass` (K + 1,) is the number of pixels of each cluster, then of the uniform noise term; `means` (K, 2) [px];
-    `scatter`
-    (K, 3) the sums xx, xy, yy of products about the means [px^2].
+    `scatter` (K, 3) the sums xx, xy, yy of products about the means [px^2].
     """
 
     mass: Floats  # (K + 1,)
@@ -79,8 +78,7 @@ class _Shape(NamedTuple):
     """Precomputed parameters of the weighted densities of K clusters.
 
     `inverse` (K, 3): inverse covariances xx, xy, yy [1/px^2]; `log_scale` (K,): log of mixing weight / (2 pi
-    sqrt(det));
-    `speck`: weighted uniform density of noise pixels [1/px^2].
+    sqrt(det)); `speck`: weighted uniform density of noise pixels [1/px^2].
     """
 
     inverse: Floats  # (K, 3) of the covariances

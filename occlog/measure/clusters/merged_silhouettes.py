@@ -298,9 +298,8 @@ def split_silhouettes(
 ) -> Crowds:
     """Replace clusters by people in silhouettes that are larger than one person.
 
-    Only after several people have been detected apart in `APART_FRAMES` frames, and only where at least two people and
-    no
-    fewer than the clusters are found.
+    Only after several people have been detected apart in `APART_FRAMES` frames, and only where at least two people
+    and no fewer than the clusters are found.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
@@ -381,9 +380,8 @@ def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prio
 def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
     """(n,) index of the person who most probably covers each of n cells, counted from `first`; -1: none.
 
-    `column` (n,) and `row` (n,) are those of the cells, `people` (K, 3) are centre x, y and height [cells]. A person
-    covers
-    a cell with a probability of at least `MIN_OWN`.
+    `column` (n,) and `row` (n,) are those of the cells, `people` (K, 3) are centre x, y and height [cells]. A
+    person covers a cell with a probability of at least `MIN_OWN`.
     """
     out = np.full(column.shape[0], -1)
     for i in range(column.shape[0]):

@@ -90,11 +90,9 @@ def constant_sizes(image_size: tuple[int, int], height_px: float) -> SizeMap:
 def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float, reach: float) -> SizeMap:
     """Compute the size map from a camera's pose.
 
-    For each grid cell people are placed at many distances along its azimuth and weighted by how near their centre comes
-    to
-    the cell in the image. A camera that points down gives one size per cell; one level with people's middle, or of
-    unknown
-    height (z = 0), the mean of the possible sizes and their spread.
+    For each grid cell people are placed at many distances along its azimuth and weighted by how near their centre
+    comes to the cell in the image. A camera that points down gives one size per cell; one level with people's
+    middle, or of unknown height (z = 0), the mean of the possible sizes and their spread.
 
     Args:
         camera: camera with a pose.
@@ -127,9 +125,8 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
 def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
     """Image centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at ground positions `spots` (N, 2).
 
-    The vectors are the projections of whole height, width and depth of a person turned towards the camera. NaN behind
-    the
-    camera. `height` is that of a person, in scene units.
+    The vectors are the projections of whole height, width and depth of a person turned towards the camera. NaN
+    behind the camera. `height` is that of a person, in scene units.
     """
     # Of a camera of unknown height: level with the middle of the body
     foot = 0.0 if camera.above_floor else float(camera.position[2]) - height / 2
@@ -196,12 +193,10 @@ def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
 class Prior(NamedTuple):
     """Size map of people for the images of one camera, with the weights of the clustering, for compiled functions.
 
-    Grid of `rows` x `columns` cells over an image of `width` x `height` pixels. For each cell: covariance xx, xy, yy of
-    a
-    person's pixels [px^2], foreground pixels in full view, and the largest |log| of a size relative to the map. Scalars
-    are
-    in units of a person's pixels: weight nu_k of the size, cost of a cluster in J, and the smallest cluster that is
-    kept.
+    Grid of `rows` x `columns` cells over an image of `width` x `height` pixels. For each cell: covariance xx, xy,
+    yy of a person's pixels [px^2], foreground pixels in full view, and the largest |log| of a size relative to the
+    map. Scalars are in units of a person's pixels: weight nu_k of the size, cost of a cluster in J, and the
+    smallest cluster that is kept.
     """
 
     cov: Floats  # (grid cells, 3) covariance xx, xy, yy of a person's pixels [px^2]
@@ -302,9 +297,8 @@ def worth(n: float, x: float, y: float, cxx: float, cxy: float, cyy: float, prio
     """Contribution of a cluster to the penalised objective J, if its pixels belong to it alone.
 
     With Sigma at its maximum, sum_i log N - 1/2 nu (tr(Sigma^-1 S) - log det(Sigma^-1 S)) is -1/2 (n + nu) log det
-    Sigma + 1/2 nu log det S up to terms that are equal before and after a merge or split; its mixing weight adds n log
-    n,
-    and the cluster costs `penalty` times a person's pixels.
+    Sigma + 1/2 nu log det S up to terms that are equal before and after a merge or split; its mixing weight adds n
+    log n, and the cluster costs `penalty` times a person's pixels.
 
     Args:
         n: pixels, > 0.

@@ -108,9 +108,8 @@ def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
     """Run EM from K groups of pixels, with people of the sizes that fit them best as prior.
 
     `groups` (K, 6) and `cells` (N, 6) have the columns pixels, mean x, y [px], scatter xx, xy, yy [px^2]. `labels`
-    (N,), the
-    cluster of each cell, -1 for none, is filled in place. The objective of the result includes the cost of the
-    clusters.
+    (N,), the cluster of each cell, -1 for none, is filled in place. The objective of the result includes the cost
+    of the clusters.
     """
     means = groups[:, 1:3].copy()
     covs, person = person_at(means, _sizes_of(groups, prior), prior)
@@ -131,9 +130,8 @@ def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
 def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
     """Drop the first cluster without which the objective J rises; return the rows (K - 1, 6) of that fit, or all.
 
-    Between two people who touch there may be a third cluster that merging of pairs does not remove. The clusters with
-    the
-    highest assignment entropy per pixel are tried, at most `MAX_DOUBTS` of them.
+    Between two people who touch there may be a third cluster that merging of pairs does not remove. The clusters
+    with the highest assignment entropy per pixel are tried, at most `MAX_DOUBTS` of them.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].

@@ -38,8 +38,7 @@ class RegionBearings(NamedTuple):
     """Azimuths of K image regions in the world and horizontal image positions, each with its standard deviation.
 
     `bearing` and `sigma` in rad; `u_px` is the offset from the centre of the levelled image, positive to the right,
-    with
-    `sigma_px` [px]. All (K,), NaN for a camera without pose.
+    with `sigma_px` [px]. All (K,), NaN for a camera without pose.
     """
 
     bearing: Floats  # (K,) [rad]
@@ -51,9 +50,8 @@ class RegionBearings(NamedTuple):
 class BearingNoise(NamedTuple):
     """Settings of the noise of region centres.
 
-    `sigma_px` is the standard deviation of the centre of a person in full view [px], in place of the model's posture
-    and
-    reading noise, None for these; `scale` is a factor on all standard deviations.
+    `sigma_px` is the standard deviation of the centre of a person in full view [px], in place of the model's
+    posture and reading noise, None for these; `scale` is a factor on all standard deviations.
     """
 
     sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these

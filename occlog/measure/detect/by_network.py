@@ -50,9 +50,8 @@ class _Ready(NamedTuple):
 class DetectedFrame(NamedTuple):
     """A frame with its n boxes by decreasing area, or the reason why it could not be used.
 
-    `lost` is that reason (empty: none), `boxed` then None; re-identification vectors (n, D) and colour histograms (n,
-    72)
-    of the boxes.
+    `lost` is that reason (empty: none), `boxed` then None; re-identification vectors (n, D) and colour histograms
+    (n, 72) of the boxes.
     """
 
     frame: Frame

@@ -63,7 +63,7 @@ class LabelMap:
         return found[order], targets[order]
 
     def key(self, sensor: str, identity: int) -> tuple[str, int]:
-        """Key in `number` of the identity of a box in the camera `sensor`."""
+        """Key (camera, identity) in `number` of a box in a camera; the camera is empty if identities are global."""
         return ("" if self.scope == GLOBAL else sensor, identity)
 
 
@@ -111,10 +111,10 @@ def detect_boxes(
     """Generate views and bearings of detector boxes, chunk by chunk.
 
     Each box with sufficient or unknown confidence is a view (with its identity as `tracklet_id`) and an unlabelled
-    candidate bearing (`target_id` -1, `score` its confidence). A frame without such a box has one bearing row without
-    detection. Cameras without pose give views only. With `labels`, boxes with an identity are labelled with its target,
-    and
-    a target without a box in a frame, between its first and last box, has a bearing row without detection.
+    candidate bearing (`target_id` -1, `score` its confidence). A frame without such a box has one bearing row
+    without detection. Cameras without pose give views only. With `labels`, boxes with an identity are labelled with
+    its target, and a target without a box in a frame, between its first and last box, has a bearing row without
+    detection.
 
     Args:
         boxes: chunks in the order of time; rows of one frame must not be split between chunks.

@@ -161,10 +161,9 @@ def _fused(
 def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job) -> Work:
     """Set up the detection in a recording, lazily.
 
-    Images have priority; without images its boxes are used, and without boxes its bearings. `left` records the numbers
-    of
-    the frames read. InputError if the recording holds none of these; UsageError for options that do not apply to its
-    content.
+    Images have priority; without images its boxes are used, and without boxes its bearings. `left` records the
+    numbers of the frames read. InputError if the recording holds none of these; UsageError for options that do not
+    apply to its content.
     """
     config = configure(DetectConfig(), {"method": request.method, **request.settings})
     if config.label_scope is not None and (recording.cameras or not recording.has(Boxes)):

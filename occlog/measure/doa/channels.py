@@ -96,7 +96,10 @@ class ChannelLags:
             self._correlate(np.pad(whole, ((0, BLOCK - len(whole)), (0, 0))), len(whole))
 
     def _correlate(self, samples: Floats, sound: int = BLOCK) -> None:
-        """Add the correlations of one block of samples (`BLOCK`, M); only the first `sound` of them are no padding."""
+        """Add the cross-correlations with phase transform (GCC-PHAT) of one block of samples (`BLOCK`, M), in place.
+
+        Only the first `sound` samples of the block are no padding.
+        """
         found = _phat(samples)
         self._sums = found if self._sums is None else self._sums + found
         self._blocks += 1
@@ -191,9 +194,8 @@ class ChannelLags:
     def slowness(self, microphones: Floats, rate: float) -> float | None:
         """Slowness of the fitted plane waves relative to that of sound, if it is implausible; None otherwise.
 
-        Median over the frames; above 1 the delays are longer than the array permits. None also if the delays of many
-        frames
-        are not those of a plane wave.
+        Median over the frames; above 1 the delays are longer than the array permits. None also if the delays of
+        many frames are not those of a plane wave.
 
         Args:
             microphones: (M, 3) positions, in seconds of the travel of sound.
@@ -231,9 +233,8 @@ class ChannelLags:
     def late(self, microphones: Floats, rate: float) -> dict[int, int]:
         """Delays [samples] of delayed channels, by number from 0; negative: early. Channels in step are left out.
 
-        Channels with lags that the distances of their microphones allow form a group; the largest group (on ties, that
-        of the
-        first channel) is the reference.
+        Channels with lags that the distances of their microphones allow form a group; the largest group (on ties,
+        that of the first channel) is the reference.
 
         Args:
             microphones: (M, 3) positions, in seconds of the travel of sound.

@@ -90,8 +90,7 @@ def sharpness(
     """(2, 2) Cramer-Rao bound of (azimuth, elevation) [rad^2] from phases with Gaussian errors.
 
     A coherence g of pairs of microphones corresponds to a phase variance of -ln g per microphone. Infinite on the
-    diagonal
-    for an angle that the array does not determine.
+    diagonal for an angle that the array does not determine.
 
     Args:
         omega: (B,) angular frequencies [rad/s].
@@ -173,9 +172,8 @@ class DirectionGrid(NamedTuple):
 class Locator(NamedTuple):
     """What locating directions with one array needs, constant over frames.
 
-    Algorithm of pyroomacoustics; M microphones' positions (M, 3) about their mean; unit normal (3,) of a flat array,
-    None
-    for others; frequency band; grid of directions; speed of sound [length/s]; settings.
+    Algorithm of pyroomacoustics; M microphones' positions (M, 3) about their mean; unit normal (3,) of a flat
+    array, None for others; frequency band; grid of directions; speed of sound [length/s]; settings.
     """
 
     engine: Any  # of pyroomacoustics
@@ -322,9 +320,14 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
-    """Directions in the array's frame from spectra X (M, F, S), by decreasing confidence.
+    """Directions of arrival in the array's frame, by decreasing confidence (coherence of the phases, 0 to 1).
 
-    Those with a confidence below `config.min_confidence` are left out.
+    Peaks of the algorithm's map over the grid, refined by parabolas; those with a confidence below
+    `config.min_confidence` are left out.
+
+    Args:
+        at: algorithm, array, grid and settings.
+        X: (M, F, S) complex spectra of M microphones at F frequencies in S snapshots.
     """
     config, grid = at.config, at.grid
     # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
@@ -385,9 +388,8 @@ def _with_uncertainty(
 def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
     """(2,) variances [rad^2] of azimuth and elevation from the uncertain angle of a direction to a flat array's plane.
 
-    The array measures that angle by the slowness of the wave across it, with the error `SHRINK`. `normal` (3,) is the
-    unit
-    normal of the plane, in the array's frame like the direction [rad].
+    The array measures that angle by the slowness of the wave across it, with the error `SHRINK`. `normal` (3,) is
+    the unit normal of the plane, in the array's frame like the direction [rad].
     """
     u = direction(np.array(azimuth), np.array(elevation))
     out = float(abs(u @ normal))
@@ -405,9 +407,8 @@ def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
 def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[int, int]]:
     """Rows and columns of the highest local maxima of a map of directions, highest first.
 
-    They are allowed by the grid, high enough (`min_peak`), separated by `min_separation_deg`, and at most as many as
-    the
-    settings state. `chart` (E, A) has the power at each elevation and azimuth of the grid.
+    They are allowed by the grid, high enough (`min_peak`), separated by `min_separation_deg`, and at most as many
+    as the settings state. `chart` (E, A) has the power at each elevation and azimuth of the grid.
     """
     E = len(chart)
     padded = np.pad(np.pad(chart, ((1, 1), (0, 0)), constant_values=-np.inf), ((0, 0), (1, 1)), mode="wrap")

@@ -21,8 +21,8 @@ class FundamentalMatrixFit(NamedTuple):
     """A fundamental matrix (3, 3) from view a to view b with its fit to N matches.
 
     `residuals` (N,) are Sampson distances [px]; `noise_px` the standard deviation of a coordinate of a match, from
-    them;
-    `error_px` the expected root mean square error of the epipolar lines, infinite if they do not determine the matrix.
+    them; `error_px` the expected root mean square error of the epipolar lines, infinite if they do not determine
+    the matrix.
     """
 
     matrix: Floats  # (3, 3)
@@ -268,8 +268,7 @@ def homography_parallax(a: Floats, b: Floats) -> float:
     """Parallax [px] of matches a, b (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
 
     Root sum of squared `homography_distances` from the fitted homography per degree of freedom: noise of standard
-    deviation
-    s in every coordinate gives about s.
+    deviation s in every coordinate gives about s.
     """
     squares = homography_distances(fit_homography(a, b), a, b) ** 2
     return float(np.sqrt(squares.sum() / max(2 * len(a) - 8, 1)))

@@ -48,9 +48,9 @@ AFFINE_DRAWS = 500
 class FundamentalFit(NamedTuple):
     """A fundamental matrix (3, 3) from view a to view b (b' F a = 0), estimated from N matches.
 
-    Mask (N,) of inliers; standard deviation of a coordinate of them [px]; expected error of the epipolar lines [px];
-    RMS
-    parallax of the inliers relative to a plane [px]; whether the affine model (parallel rays) was sufficient.
+    Mask (N,) of inliers; standard deviation of a coordinate of them [px]; expected error of the epipolar lines
+    [px]; RMS parallax of the inliers relative to a plane [px]; whether the affine model (parallel rays) was
+    sufficient.
     """
 
     matrix: Floats  # (3, 3)
@@ -124,9 +124,8 @@ def estimate_fundamental(
         min_matches: minimum number of matches; three quarters of it must be inliers.
 
     Raises:
-        ValueError: the matches are not finite, too few, on a line or a plane, from one position, or do not determine
-            the
-            matrix well enough.
+        ValueError: the matches are not finite, too few, on a line or a plane, from one position, or do not
+            determine the matrix well enough.
     """
     a, b = np.ascontiguousarray(a, dtype=np.float64), np.ascontiguousarray(b, dtype=np.float64)
     config = config or EpipolarConfig()

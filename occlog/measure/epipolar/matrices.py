@@ -23,8 +23,7 @@ class KnownGeometry(NamedTuple):
     """Epipolar geometry of the views, with its sources.
 
     `sources` names the source of each pair (`view1-view2`): file name, `recording`, `poses` or `none`; `notes` are
-    messages
-    to the user about the file.
+    messages to the user about the file.
     """
 
     geometry: ViewGeometry

@@ -29,8 +29,7 @@ class PairCheck(NamedTuple):
     """Agreement of the matches of views a and b with a fundamental matrix; distances are from epipolar lines.
 
     Number of matches; median distance, and that of the 95th percentile [px]; share of matches with both distances
-    within
-    the tolerance; `chance`, that share for wrong pairings; whether the matrix fits.
+    within the tolerance; `chance`, that share for wrong pairings; whether the matrix fits.
     """
 
     a: str
@@ -205,10 +204,9 @@ def matches_of_tracks(
 class _Sample:
     """Random sample of time steps with their matches, at most about twice `MAX_MATCHES` in memory.
 
-    Whole time steps are sampled, since regular sampling of ordered matches would select the same targets or ends. Each
-    time step draws a number in [0, 1) and is kept if it is below `share`; `kept` has the numbers and matches, `size`
-    counts
-    these.
+    Whole time steps are sampled, since regular sampling of ordered matches would select the same targets or ends.
+    Each time step draws a number in [0, 1) and is kept if it is below `share`; `kept` has the numbers and matches,
+    `size` counts these.
     """
 
     kept: list[tuple[float, Floats]] = field(default_factory=list)  # (lot, matches) of each time step

@@ -269,8 +269,7 @@ class LocalDirections(NamedTuple):
     """R local detections as lines of sight on the ground, some with the distance of the object.
 
     Fields, all (R,) but `origin` (R, 2): index of the sensor, its ground position, azimuth in the world and its
-    standard
-    deviation [rad], distance along the ground and its standard deviation [length], NaN where unknown.
+    standard deviation [rad], distance along the ground and its standard deviation [length], NaN where unknown.
     """
 
     sensor: Ints  # (R,) which sensor

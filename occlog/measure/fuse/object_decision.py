@@ -60,8 +60,7 @@ class Decision(NamedTuple):
 
     Fields: whether the object is declared, log-likelihood ratio ([Lee] Eq. 4.13), global position (None without a
     declared object, or where a lone line of sight gives none), mask (R,) of kept detections, indices of the cameras
-    that
-    missed the object although they see its position, and the memory for the next time step.
+    that missed the object although they see its position, and the memory for the next time step.
     """
 
     declared: bool
@@ -250,9 +249,8 @@ def _across(sight: LocalDirections, position: PositionWithCovariance) -> Floats:
 def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
     """Prior probability P_1 that an object is present, by its distance from the prediction ([Lee] Eqs. 4.23-4.24).
 
-    exp(-d^2 / 2), in (0, 1], with the squared Mahalanobis distance d^2 of the global position under the covariance of
-    the
-    prediction plus `sigma2` [length^2] on both axes.
+    exp(-d^2 / 2), in (0, 1], with the squared Mahalanobis distance d^2 of the global position under the covariance
+    of the prediction plus `sigma2` [length^2] on both axes.
     """
     away = position.xy - predicted.xy
     spread = predicted.cov + sigma2 * np.eye(2)
@@ -289,10 +287,9 @@ def _single_line_updates(
     """Decision about lines of sight that determine no position: each line is accepted or rejected by itself.
 
     `SAMPLES` positions are tried along a line. Cameras that see at least half of them count; those with a detection
-    that
-    agrees with one of them confirm, the others count as misses ([Lee] Eq. 4.3, equal priors). Declared if a line is
-    kept;
-    no position, no missed cameras, an empty memory. `observing` are the indices of the cameras that delivered a frame.
+    that agrees with one of them confirm, the others count as misses ([Lee] Eq. 4.3, equal priors). Declared if a
+    line is kept; no position, no missed cameras, an empty memory. `observing` are the indices of the cameras that
+    delivered a frame.
     """
     kept = np.zeros(len(sight.azimuth), dtype=np.bool_)
     values = np.empty(len(kept))
@@ -329,14 +326,15 @@ def fuse_candidates(
     cameras: PlacedCameras,
     config: FuseConfig,
 ) -> CandidateDecisions:
-    """Decide about tracked objects with the candidates of one time step, then about new objects formed by the rest.
+    """Decide which objects are present at one time step, from detections without labels ([Lee] Ch. 4).
 
-    A candidate is kept for one object at most.
+    First about each tracked object with the candidates near its prediction, then about groups of the other candidates,
+    which may be new objects. A candidate is kept for one object at most.
 
     Args:
-        objects: tracked objects, each with a motion, after earlier time steps.
+        objects: memories of the tracked objects, each with a motion, after earlier time steps.
         t_ns: time of the step [ns].
-        sight: detections of a part of the recording.
+        sight: detections of a part of the recording, as bearings or positions of single cameras.
         rows: indices into `sight` of the candidates of this time step.
         observing: sorted indices of the cameras that delivered a frame.
         cameras: calibrated cameras.

@@ -73,9 +73,8 @@ def _joined(held: T, more: T) -> T:
 def time_step_rows(bearings: Bearings, window_ns: int) -> Ints:
     """(M + 1,) first rows of the M time steps of sorted bearings, then the number of rows.
 
-    A time step ends `window_ns` [ns] after its first row, or before a sensor reports at a second time. With `window_ns`
-    0
-    each different time is one step.
+    A time step ends `window_ns` [ns] after its first row, or before a sensor reports at a second time. With
+    `window_ns` 0 each different time is one step.
     """
     t = bearings.t_ns
     if not len(t):
@@ -167,8 +166,7 @@ class FusionRows:
         """Drop superfluous "not detected" rows of each camera's unlabelled candidates in one time step.
 
         A camera with a kept or recovered candidate loses all of them, any other keeps one. To be called after all
-        decisions
-        of the time step, whose rows are `first` <= row < `last`.
+        decisions of the time step, whose rows are `first` <= row < `last`.
         """
         rows = np.arange(first, last)
         mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.camera_of[first:last] >= 0)]
@@ -225,7 +223,7 @@ class FusionRows:
         return replace(b, seen=seen, cause=cause.astype(np.str_), **columns).take(~self.dropped)
 
     def _new_bearings(self) -> Bearings:
-        """Rows of recovered detections that had no row."""
+        """Bearings of recovered detections for which the input has no row of that camera, time and target."""
         values = {
             (int(self.bearings.t_ns[r]), int(self.camera_of[r]), int(self.bearings.target_id[r])) for r in self._sight
         }

@@ -91,8 +91,7 @@ class FuseTally:
         """Return the figures of the summary by name; `cameras` has the counts of each camera.
 
         declared: objects declared, counted once per time step. not_declared: objects with detections that were not
-        declared.
-        kept, recovered, removed: detections.
+        declared. kept, recovered, removed: detections.
         """
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():
@@ -105,9 +104,8 @@ class FuseTally:
     def checks(self) -> tuple[Check, ...]:
         """Check the agreement of the cameras: the share of labelled detections that the fusion removes.
 
-        A finding about the worst camera if its share is significantly above `MAX_REMOVED` plus its stated probability
-        of
-        false alarms. Without a camera with `MIN_SAMPLES` labelled detections the check is not made.
+        A finding about the worst camera if its share is significantly above `MAX_REMOVED` plus its stated
+        probability of false alarms. Without a camera with `MIN_SAMPLES` labelled detections the check is not made.
         """
         removed = {name: own["removed"] for name, own in self._of_targets.items()}
         whole = {name: own.total() for name, own in self._of_targets.items()}

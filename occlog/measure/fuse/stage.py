@@ -32,8 +32,7 @@ class FusedPart(NamedTuple):
     """Part of a recording after the fusion: views, bearings, losses and numbers of frames, and counts of decisions.
 
     `counts` has the kept, recovered and removed detections of each camera, `targets` the kept and removed labelled
-    ones;
-    `moments` counts time steps with a camera frame.
+    ones; `moments` counts time steps with a camera frame.
     """
 
     views: Views

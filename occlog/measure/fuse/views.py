@@ -27,10 +27,9 @@ DEFAULT_HALF_SIDE = 1e7
 class PlacedCameras:
     """C calibrated cameras of a scene, in its order, with what the fusion needs of them.
 
-    Fields: the cameras and their packed geometry; polygon (K, 2) of the region in which objects can be; for each camera
-    the distance of the farthest position in range [length], and the probabilities of a miss (P_M) and a false alarm
-    (P_F)
-    of [Lee]; height of a person [length], None if unknown.
+    Fields: the cameras and their packed geometry; polygon (K, 2) of the region in which objects can be; for each
+    camera the distance of the farthest position in range [length], and the probabilities of a miss (P_M) and a
+    false alarm (P_F) of [Lee]; height of a person [length], None if unknown.
     """
 
     placed: tuple[Camera, ...]
@@ -49,9 +48,8 @@ class PlacedCameras:
     def sees(self, xy: Floats, which: int) -> Bools:
         """(N,) mask of ground positions `xy` (N, 2) that the camera with index `which` can see.
 
-        By its field of view, range and walls; if the height of a person and the image size are known, the middle of a
-        person
-        there must also be inside the image.
+        By its field of view, range and walls; if the height of a person and the image size are known, the middle of
+        a person there must also be inside the image.
         """
         seen = seen_from(np.ascontiguousarray(xy), which, self.sensors)
         camera = self.placed[which]
@@ -65,9 +63,8 @@ class PlacedCameras:
     def along(self, line: LocalDirections, n: int) -> Floats:
         """(m, 2) ground positions on the first line of sight that its own camera can see, 1 <= m <= n.
 
-        `n` equidistant positions up to the camera's range are tried; if none is visible and in the region, the nearest
-        one is
-        returned alone.
+        `n` equidistant positions up to the camera's range are tried; if none is visible and in the region, the
+        nearest one is returned alone.
         """
         which = int(line.sensor[0])
         reach = np.linspace(0.0, self.far[which], n + 1)[1:]
@@ -157,9 +154,8 @@ def views_of(views: Views, bearings: Bearings) -> Ints:
 def feet(views: Views, cameras: PlacedCameras) -> Floats:
     """(V, 2) ground distance of the feet of each of V views and its standard deviation [length]; NaN if unknown.
 
-    The feet are at the middle of the lower edge of the box, on the floor z = 0. Unknown for a camera of unknown height,
-    a
-    box at the image border, or one too short or too tall for a person at that position.
+    The feet are at the middle of the lower edge of the box, on the floor z = 0. Unknown for a camera of unknown
+    height, a box at the image border, or one too short or too tall for a person at that position.
     """
     out = np.full((len(views), 2), np.nan)
     for which, camera in enumerate(cameras.placed):

@@ -150,9 +150,8 @@ def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
 class PreparedTile(NamedTuple):
     """A part of an image, resized and normalised as input (3, H, W) of the network.
 
-    `where` maps it to the network's input; `left` and `top` are its first pixel in the image; `inner` states whether
-    the
-    image continues at its left, top, right and bottom.
+    `where` maps it to the network's input; `left` and `top` are its first pixel in the image; `inner` states
+    whether the image continues at its left, top, right and bottom.
     """
 
     numbers: Floats32  # (3, H, W)
@@ -242,9 +241,8 @@ class NetworkDetector:
     def find(self, images: Sequence[Prepared]) -> list[Boxed | None]:
         """Boxes in each of some images; None for an image for which the network returns non-finite numbers.
 
-        The network is always run with a full batch, so that results do not depend on the number of images. InputError
-        if
-        scores or coordinates are not in the range of the network's output format.
+        The network is always run with a full batch, so that results do not depend on the number of images.
+        InputError if scores or coordinates are not in the range of the network's output format.
         """
         tiles = [tile for image in images for tile in image.tiles]
         step = self.network.batch

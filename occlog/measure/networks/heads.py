@@ -79,8 +79,7 @@ class Head:
     """Input and output conventions of a family of networks.
 
     `fit` and `pixels` are how images are resized and colours scaled; `smooth`: images are averaged when reduced;
-    `repeats`:
-    several boxes per object are output, so that non-maximum suppression is needed.
+    `repeats`: several boxes per object are output, so that non-maximum suppression is needed.
     """
 
     fit: str
@@ -113,9 +112,8 @@ Outputs = Mapping[str, Floats32]
 class Reading(NamedTuple):
     """Interpretation of a network's outputs: its head, number of classes, and the names of the outputs.
 
-    `classes` is None if the outputs do not determine the number; `boxes`, `scores` and `labels` name the outputs with
-    these,
-    perhaps all the same one.
+    `classes` is None if the outputs do not determine the number; `boxes`, `scores` and `labels` name the outputs
+    with these, perhaps all the same one.
     """
 
     head: str

@@ -62,9 +62,8 @@ def hull_priors(
 ) -> Iterator[HullPriors]:
     """Generate polygons and Gaussians that contain the moving occluders, by visual hulls, chunk by chunk.
 
-    Clusters of a target (`target_id` >= 0) are not occluders, unless `exclude_targets` is off; the region behind them
-    is
-    invisible to the camera. Cameras without pose are not used.
+    Clusters of a target (`target_id` >= 0) are not occluders, unless `exclude_targets` is off; the region behind
+    them is invisible to the camera. Cameras without pose are not used.
 
     Args:
         views: clusters in the order of time.
@@ -211,9 +210,8 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
 def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
     """Cones of a camera's clusters in one frame that are of no target, and the region in which it decides on presence.
 
-    That region is the visible one less what targets hide. `cameras` caches the camera with its visible region by name,
-    and
-    is updated in place.
+    That region is the visible one less what targets hide. `cameras` caches the camera with its visible region by
+    name, and is updated in place.
     """
     if frame.sensor not in cameras:
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)

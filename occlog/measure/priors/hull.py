@@ -142,9 +142,8 @@ class CameraCones(NamedTuple):
 class Polygon(NamedTuple):
     """A polygon of the visual hull, with the foreground runs that it explains.
 
-    `runs` are sorted pairs (index of the camera, index of its cone) of cones that contain it; `missed` counts cameras
-    that
-    can see it and have no foreground there.
+    `runs` are sorted pairs (index of the camera, index of its cone) of cones that contain it; `missed` counts
+    cameras that can see it and have no foreground there.
     """
 
     shape: shapely.Polygon
@@ -186,9 +185,8 @@ def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
 def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
     """Greedy set cover: select candidates until all runs in `missing` that any of them explains are explained.
 
-    The order, by the number of missing runs explained, is fixed at the beginning; a candidate that explains no further
-    run
-    is skipped.
+    The order, by the number of missing runs explained, is fixed at the beginning; a candidate that explains no
+    further run is skipped.
     """
     left, out = list(missing), []
     for p in sorted(candidates, key=lambda p: (-sum(r in missing for r in p.runs), -p.shape.area, p.runs)):
@@ -228,7 +226,10 @@ def _kept(shape: shapely.Geometry, runs: tuple[Run, ...], missed: int) -> Iterat
 
 
 def _polygons(cells: list[_Cell], least: int, smallest: float) -> list[Polygon]:
-    """Connected parts of the hull without holes; neighbouring cells that differ only in their runs are joined.
+    """Connected parts of the hull: cells that enough cones contain, joined with their neighbours, without holes.
+
+    A cone is the part of the floor in which one camera sees foreground. Only cells that as many cameras missed are
+    joined.
 
     Args:
         cells: partition of the room.
@@ -263,10 +264,8 @@ class HullRules(NamedTuple):
     """Rules for confirming and deleting polygons; lengths in the scene's unit, times in ns.
 
     `persist_ns`: minimum age of a confirmed polygon; `memory_ns`: time for which evidence counts; `lost_ns`: an
-    identity
-    not found for longer is deleted; `hold_ns`: time for which a missing polygon with evidence is still reported;
-    `speed`
-    [length/s] and `reach` [length] limit the movement of a centre.
+    identity not found for longer is deleted; `hold_ns`: time for which a missing polygon with evidence is still
+    reported; `speed` [length/s] and `reach` [length] limit the movement of a centre.
     """
 
     persist_ns: int  # it must have been there for so long

@@ -199,11 +199,10 @@ class PriorsTally:
         self.spread += float(np.sum(table.cov_xx[there] + table.cov_yy[there]))
 
     def summary(self) -> dict[str, object]:
-        """Return the figures of the summary by name.
+        """Figures of the summary by name.
 
-        mean_occluders: per time; None without times. rms_sigma: RMS position error expected from the covariances of the
-        priors
-        [length]; None without priors.
+        `mean_occluders`: per time; None without times. `rms_sigma`: RMS position error expected from the covariances of
+        the priors [length]; None without priors.
         """
         return {
             "times": self.times,

@@ -303,8 +303,7 @@ def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None
     """Size map from blobs (N, 2: row of the feet, height) [px] in images of one size; None without blobs.
 
     The height is linear in the row of the feet, or constant where `_allow_line` is false. `image_size` is width and
-    height
-    [px].
+    height [px].
     """
     if not len(blobs):
         return None

@@ -163,10 +163,9 @@ CORE2 = 9.0  # squared Mahalanobis distance of the pixels that make a cluster's 
 class ForegroundRegions(NamedTuple):
     """K person-sized regions of one frame, by decreasing number of foreground pixels.
 
-    Means (K, 2) [px]; covariances xx, xy, yy (K, 3) [px^2]; boxes left, top, width, height (K, 4) [px]; pixels (K,),
-    and
-    relative to a person in full view there (K,); covariance of such a person's pixels (K, 3); colour histograms (K,
-    72).
+    Means (K, 2) [px]; covariances xx, xy, yy (K, 3) [px^2]; boxes left, top, width, height (K, 4) [px]; pixels
+    (K,), and relative to a person in full view there (K,); covariance of such a person's pixels (K, 3); colour
+    histograms (K, 72).
     """
 
     means: Floats  # (K, 2) [px]
@@ -188,9 +187,8 @@ def cluster_regions(
         mask: (height, width), non-zero on the foreground.
         side: side of the cells in which pixels are collected [px].
         prior: size map of people for the camera.
-        separate: frames of the camera with separate people, updated in place: people in a merged silhouette are found
-            by
-            their outlines (`occlog.measure.clusters.merged_silhouettes`); None: by EM alone.
+        separate: frames of the camera with separate people, updated in place: people in a merged silhouette are
+            found by their outlines (`occlog.measure.clusters.merged_silhouettes`); None: by EM alone.
     """
     cells, corners = gather(mask, side)
     clusters = find_clusters(cells, corners, side, prior)

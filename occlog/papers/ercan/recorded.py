@@ -280,8 +280,7 @@ class VirtualCrowd(NamedTuple):
     """Virtual people of a run, and what is left of the recording's detections.
 
     True paths of the people; mask of the bearings with a detection that they hide; all bearings, "not seen" where
-    hidden;
-    priors of the people by kind (none, known, kalman).
+    hidden; priors of the people by kind (none, known, kalman).
     """
 
     people: Truth
@@ -573,7 +572,7 @@ def _row(name: str, x: float, runs: Sequence[Figures]) -> PaperRow:
 
 
 def judge14(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 14."""
+    """Verdicts on [Ercan] Fig. 14, for a recording: priors of occluders and more cameras lower the error."""
     item = ITEMS[0]
     out = [
         v.pairs(f"{item}-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -586,7 +585,7 @@ def judge14(table: Table) -> list[StatementVerdict]:
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 15."""
+    """Verdicts on [Ercan] Fig. 15, for a recording: greedy selection against brute force and heuristic policies."""
     item, statement = ITEMS[1], "Greedy selection is close to brute force."
     out = [v.close(f"{item}-brute-force", statement, v.matched(table, GREEDY, BRUTE))]
     for name in HEURISTICS:

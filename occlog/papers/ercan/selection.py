@@ -64,9 +64,8 @@ def _select(policy: str, count: int, order: Sequence[int], every: float, model: 
 def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
     """Settings of the selection of k cameras by each policy, by the name of the series.
 
-    `order` has the numbers of the cameras in the order of the fixed policy; `both`: with both camera models, else with
-    the
-    weak-perspective one alone.
+    `order` has the numbers of the cameras in the order of the fixed policy; `both`: with both camera models, else
+    with the weak-perspective one alone.
     """
     out, every = {}, EVERY if both else LAB_EVERY
     for name, policy in ((GREEDY, "greedy"), (BRUTE, "brute-force")):
@@ -90,7 +89,7 @@ def fig12(size: Size, execute: Execute) -> Table:
 
 
 def judge12(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 12."""
+    """Verdicts on [Ercan] Fig. 12: greedy selection of cameras against brute force, heuristics and all cameras."""
     six, everything = v.find(table, GREEDY, 6), v.find(table, ALL)
     out = [
         v.close("fig12-brute-force", "Greedy selection is close to brute force.", v.matched(table, GREEDY, BRUTE)),
@@ -155,7 +154,7 @@ def fig15(size: Size, execute: Execute) -> Table:
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 15."""
+    """Verdicts on [Ercan] Fig. 15: greedy selection of cameras in the lab against brute force and heuristics."""
     statement = "Greedy selection is close to brute force."
     out = [v.close("fig15-brute-force", statement, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
@@ -202,7 +201,7 @@ def fig14(size: Size, execute: Execute) -> Table:
 
 
 def judge14(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 14."""
+    """Verdicts on [Ercan] Fig. 14: priors of occluders and more cameras lower the error."""
     known_none = v.matched(table, KNOWN, NONE)
     out = [
         v.pairs("fig14-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -254,7 +253,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether the error is lower with more frequent selections."""
+    """Verdict, as a list, on whether the RMSE is lower the more often cameras are selected; table of `by_period`."""
     rows = v.series(table, GREEDY)
     statement = "Selecting again more often gives better tracking: RMSE lower with the shorter time, by."
     return [v.pairs("selection-period", statement, list(pairwise(rows)))]

@@ -164,7 +164,7 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
 
 
 def judge10(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 10, from two cameras on."""
+    """Verdicts on [Ercan] Fig. 10, from two cameras on: the time grows about linearly with the cameras, not as 2^N."""
     own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in LIKELIHOOD_FORMS}
     none, out = own[NONE], []
     for key, name in (("recursion", RECURSION), ("independent", INDEPENDENT)):

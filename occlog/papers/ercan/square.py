@@ -65,7 +65,7 @@ def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) ->
 
 
 def judge6(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 6."""
+    """Verdicts on [Ercan] Fig. 6: known positions have a lower error than priors, these than none; cameras lower it."""
     middle = (3, 4, 5, 6)
     out = [
         v.pairs(
@@ -118,7 +118,7 @@ def crossing(rows: list[PaperRow]) -> PaperRow | None:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 7."""
+    """Verdicts on [Ercan] Fig. 7: how the tracking error depends on that of the priors of occluders."""
     rows, none = v.series(table, PRIOR), v.find(table, NONE)
     known = rows[0] if rows else None
     cross = crossing(rows)
@@ -188,7 +188,7 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
 
 
 def judge8(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 8."""
+    """Verdicts on [Ercan] Fig. 8: with more cameras the priors may be less accurate for an equal error, or missing."""
     rows = [r for r in v.series(table, NEEDED) if r.runs]
     statement = "The more cameras, the less accurate the priors may be for an RMSE of 3."
     last, worst = (rows[-1] if rows else None), v.find(table, WORST)
@@ -217,7 +217,7 @@ def fig9(size: Size, execute: Execute) -> Table:
 
 
 def judge9(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 9."""
+    """Verdicts on [Ercan] Fig. 9: known positions of occluders help most at a medium number of them."""
     both = v.matched(table, KNOWN, NONE)
     if len(both) < 3:
         return []

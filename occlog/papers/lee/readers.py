@@ -79,7 +79,7 @@ def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about accuracy; medians and RMS errors by two standard errors."""
+    """Verdicts on the accuracy of positions by RFID readers, and after refinement by cameras ([Lee] Sec. 5.2.3)."""
 
     def rows(what: str) -> list[PaperRow]:
         found = [v.find(table, name_of(what, reach), float(readers)) for readers, reach in SETTINGS]
@@ -141,7 +141,7 @@ EIGHT, EIGHT_RANGE, LAYOUTS = 26, 1.4, 20
 
 
 def judge_counts(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the printed numbers."""
+    """Verdicts on the printed numbers of virtual sensors, regions that the same readers cover ([Lee] Sec. 5.2.3)."""
     printed = {
         "three circles": (7, "Three coverages that overlap make 7 virtual sensors (Fig. 5-32)."),
         "twelve readers, at most": (

@@ -373,12 +373,17 @@ def warm(method: str) -> None:
 
 
 def scores(truth: Objects, followed: TrackerOutput, tau: Floats) -> dict[str, float]:
-    """Figures of a method's output against the truth, and of its cost; see `run_views_trial`.
+    """Figures of a method's output against the truth, and of its cost.
 
     Args:
         truth: true boxes, with views.
         followed: output of the method.
         tau: (n,) largest distance from its target of a tracker that is on it, for each true box [px].
+
+    Returns:
+        `fr_p`, `fr_l`: rates of false positions and false labels ([Qu] Eq. 9); `idf1`, `hota`, `mota`, of boxes around
+        the ellipses; `left`, `lost`: trackers that ended so; `track_seconds`, `frame_ms`: CPU time in total, and its
+        median over frames; `ess`: median effective sample size; `mode_mipf`, ...: share of rows by mode.
     """
     f = followed
     position = truth.position[:, :2] + 0.5 * truth.position[:, 2:]

@@ -64,7 +64,7 @@ VIEWS = VideoVariant(
 
 
 def compute(variant: VideoVariant, size: Size, execute: Execute) -> Table:
-    """Table of both rates [%] of every method at every value of the varied property.
+    """Table of false position and false label rates [%] of every method at every value of the varied property.
 
     Runs of one seed at different values are different videos, except that numbers of views share one.
     """

@@ -70,7 +70,7 @@ def median_of(values: Sequence[float]) -> tuple[float, float]:
 
 
 def judge4(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 4."""
+    """Verdicts on [Rahimi] Fig. 4: the estimate is close to the truth, and worst at both ends and beyond sightings."""
     whole = _mean_row(table, ALL)
     parts = np.array([r.values for r in v.series(table, ALL)])
     ends = PaperRow("ends", math.nan, _rms(parts[[0, -1]]))
@@ -128,7 +128,7 @@ def _mean_row(table: Table, name: str) -> PaperRow:
 
 
 def judge5(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 5."""
+    """Verdicts on [Rahimi] Fig. 5: field-of-view constraints keep paths before the cameras and lower the error."""
     low, high, room = (_mean_row(table, name) for name in (WITH, WITHOUT, ROOM))
     behind = {name: [r.extra["behind"] for r in v.series(table, name)] for name in (WITH, WITHOUT)}
     n, (kept, lost) = low.runs, (sum(b > 0 for b in behind[name]) for name in (WITH, WITHOUT))

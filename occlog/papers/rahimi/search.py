@@ -56,7 +56,7 @@ def settled(values: Sequence[float]) -> int:
 
 
 def judge3(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 3, and those of Secs. 5 and 6 about the search."""
+    """Verdicts on [Rahimi] Fig. 3, and Secs. 5 and 6: start, course and convergence of the search."""
     ray, distance, position = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
     runs = ray.shape[1]
     lined, placed = ([settled(column.tolist()) for column in x.T] for x in (ray, distance))

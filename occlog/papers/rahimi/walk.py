@@ -206,7 +206,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements of Sec. 7 about Fig. 7."""
+    """Verdicts on [Rahimi] Fig. 7: which legs of the walk are recovered, and whether known walls help."""
     own = {row.series: row for row in table}
     loop, legs, order, through = (own[f"{FREE}, {key}"] for key in FIGURES)
     runs = order.runs

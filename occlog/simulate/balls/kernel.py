@@ -33,8 +33,7 @@ class Skin(NamedTuple):
     """Surface panels of a football, a spherical truncated icosahedron, with their colours.
 
     `faces` (F, 3) are normals over their distances from the centre, pentagons first; `seam` is half the width of a
-    seam, as a
-    difference of projections on two faces; `colours` (3, 3) are BGR of pentagons, hexagons and seams.
+    seam, as a difference of projections on two faces; `colours` (3, 3) are BGR of pentagons, hexagons and seams.
     """
 
     faces: Floats  # (F, 3) normals, over their distances from the centre, of those near +x, +y, +z; pentagons first
@@ -52,9 +51,8 @@ def trace_balls_into(
     Args:
         depth: (H, W, 4) distance along the optical axis to the nearest ball so far, initially inf; lowered in place.
         label: (H, W, 4) number of that ball, set with `depth`.
-        covered: (n, 5) filled for each ball: left, top, right, bottom (half-open) of the part of the image in which it
-            can
-            be, and the number of lines of sight that meet it, hidden or not.
+        covered: (n, 5) filled for each ball: left, top, right, bottom (half-open) of the part of the image in which
+            it can be, and the number of lines of sight that meet it, hidden or not.
         centres: (n, 3) centres in the camera's frame, at a distance of more than `radius`.
         radius: radius of all balls, in the unit of the centres.
         view: camera.

@@ -255,9 +255,8 @@ def ball_ellipses(camera: Camera, centres: Floats, radius: float) -> Floats:
         radius: radius of the balls, > 0.
 
     Returns:
-        (..., 5) centre x, y [px], half axes away from the principal point and across [px], and the angle of the first
-        from
-        the x axis of the image towards y [rad].
+        (..., 5) centre x, y [px], half axes away from the principal point and across [px], and the angle of the
+        first from the x axis of the image towards y [rad].
     """
     local = (np.asarray(centres) - camera.position) @ camera.rotation
     x, y, z = local[..., 0], local[..., 1], local[..., 2]

@@ -41,8 +41,7 @@ class BallsFrame(NamedTuple):
     """Images of V views at one time, with the truth about n balls.
 
     Frame number; images (H, W, 3) BGR; true outlines of the whole balls as ellipses (V, n, 5), see `ball_ellipses`;
-    visible
-    shares of the parts of the balls in the image (V, n), 0 for hidden or outside.
+    visible shares of the parts of the balls in the image (V, n), 0 for hidden or outside.
     """
 
     frame: int

@@ -29,9 +29,8 @@ WARM = (0.035, 0.93, 0.17, 0.29)
 class Clothes(NamedTuple):
     """Clothes of n bodies.
 
-    BGR colours (n, 5, 3), 0 to 255, of skin, hair, shirt, trousers and shoes; second colours (n, 5, 3) and patterns (n,
-    5) of
-    these parts; statures over 1.75 m (n,).
+    BGR colours (n, 5, 3), 0 to 255, of skin, hair, shirt, trousers and shoes; second colours (n, 5, 3) and patterns
+    (n, 5) of these parts; statures over 1.75 m (n,).
     """
 
     first: Floats  # (n, 5, 3) colour of skin, hair, shirt, trousers, shoes
@@ -55,9 +54,8 @@ class Poses(NamedTuple):
 class Solids(NamedTuple):
     """P ellipsoids in scene units, the parts of n bodies: the points p with |A (p - c)| = 1.
 
-    Centres c (P, 3); matrices A (P, 3, 3), whose rows are the axes over their half lengths; half lengths (P, 3); index
-    of
-    the body and kind of part (`SKIN` to `SHOES`) of each (P,).
+    Centres c (P, 3); matrices A (P, 3, 3), whose rows are the axes over their half lengths; half lengths (P, 3);
+    index of the body and kind of part (`SKIN` to `SHOES`) of each (P,).
     """
 
     centre: Floats  # (P, 3)
@@ -183,9 +181,8 @@ def _frames(heading: Floats) -> Floats:
 class Outfit(NamedTuple):
     """Clothes of one body.
 
-    BGR colours (5, 3), 0 to 255, of skin, hair, shirt, trousers and shoes; second colours (5, 3) and patterns (5,) of
-    these
-    parts; stature over 1.75 m.
+    BGR colours (5, 3), 0 to 255, of skin, hair, shirt, trousers and shoes; second colours (5, 3) and patterns (5,)
+    of these parts; stature over 1.75 m.
     """
 
     first: Floats  # (5, 3) colour of skin, hair, shirt, trousers, shoes
@@ -250,9 +247,8 @@ LAG_S = 0.35
 def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
     """Add velocity and gait to chunks of positions: columns x, y, vx, vy [m/s], gait phase [rad], in place of x, y, z.
 
-    The velocity is smoothed with a time constant of `LAG_S`, so that the noise of a path does not make its body shake;
-    it
-    starts in the direction of the first step. `metre` is the length of a metre in scene units.
+    The velocity is smoothed with a time constant of `LAG_S`, so that the noise of a path does not make its body
+    shake; it starts in the direction of the first step. `metre` is the length of a metre in scene units.
     """
     last: TimeGrid | None = None
     for grid in grids:

@@ -136,8 +136,7 @@ class Canvas(NamedTuple):
     """Camera, empty room and buffers for rendering the frames of one camera.
 
     `limits` (4,) are the bounds of the image (`ideal_limits`); `image`, `depth`, `label` and `stamp` are work space
-    that is
-    restored after a frame; `noise` (N,) are standard normal numbers, `last` (1,) the last stamp used.
+    that is restored after a frame; `noise` (N,) are standard normal numbers, `last` (1,) the last stamp used.
     """
 
     camera: Camera
@@ -155,9 +154,8 @@ class Canvas(NamedTuple):
 class RenderedFrame(NamedTuple):
     """A rendered frame (H, W, 3) BGR, and which m objects it shows.
 
-    `present` (m,) are the indices of the objects with a position; `extent` (m, 5) left, top, right, bottom pixel and
-    number of
-    lines of sight of their whole bodies; `visible` (m, 5) those of the visible parts.
+    `present` (m,) are the indices of the objects with a position; `extent` (m, 5) left, top, right, bottom pixel
+    and number of lines of sight of their whole bodies; `visible` (m, 5) those of the visible parts.
     """
 
     image: Bytes  # (H, W, 3) BGR

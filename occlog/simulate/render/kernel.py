@@ -19,9 +19,8 @@ from .surfaces import hash_point, light_at
 class Bodies(NamedTuple):
     """P painted ellipsoids |A (p - c)| = 1 of n bodies, in the order of the bodies, for the rendering kernels.
 
-    Centres c (P, 3), matrices A (P, 3, 3), half lengths of the axes (P, 3), index of the body (P,), BGR colours (P, 3)
-    twice,
-    pattern (P,), and half-open pixel boxes left, top, right, bottom (P, 4) in which each can be.
+    Centres c (P, 3), matrices A (P, 3, 3), half lengths of the axes (P, 3), index of the body (P,), BGR colours (P,
+    3) twice, pattern (P,), and half-open pixel boxes left, top, right, bottom (P, 4) in which each can be.
     """
 
     centre: Floats  # (P, 3)
@@ -37,9 +36,8 @@ class Bodies(NamedTuple):
 class Room(NamedTuple):
     """Camera and lights for the rendering kernels.
 
-    Centre of the camera (3,); lamps (L, 5): x, y, z, power, and half-light distance; ambient brightness; length of a
-    metre
-    in scene units; near clipping distance.
+    Centre of the camera (3,); lamps (L, 5): x, y, z, power, and half-light distance; ambient brightness; length of
+    a metre in scene units; near clipping distance.
     """
 
     origin: Floats  # (3,) centre of the camera
@@ -66,9 +64,8 @@ def trace_into(
         depth: (H, W, 4) depth of the nearest surface so far; lowered where a body is nearer.
         label: (H, W, 4) index of the nearest ellipsoid, set with `depth`.
         stamp: (H, W, 4) number of the last body that a line of sight met, to count each line once; updated.
-        extent: (n, 5) for each body: left, top, right, bottom pixel and number of lines of sight that meet it, hidden
-            or
-            not; updated.
+        extent: (n, 5) for each body: left, top, right, bottom pixel and number of lines of sight that meet it,
+            hidden or not; updated.
         rays: (H, W, 4, 3) directions in the world with unit component along the optical axis.
         bodies: ellipsoids to draw.
         room: camera and lights.

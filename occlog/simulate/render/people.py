@@ -45,9 +45,8 @@ PERSON = 0.5
 class Rendered:
     """One rendered frame (H, W, 3) BGR of one camera, with its ground truth.
 
-    `boxes` are whole bodies, hidden parts included, clipped to the image; `visible` the visible parts, without wholly
-    hidden
-    bodies; `share` the visible share of each body with a box, 0 to 1.
+    `boxes` are whole bodies, hidden parts included, clipped to the image; `visible` the visible parts, without
+    wholly hidden bodies; `share` the visible share of each body with a box, 0 to 1.
     """
 
     t_ns: int

@@ -33,11 +33,10 @@ class Solid(NamedTuple):
     """Walls, pillars and lamps of the scene visible to one camera, as arrays for the kernels.
 
     `faces` (F, 5) are visible upright faces: ax, ay, bx, by, height, and `wall` (F,) the mask of those of the room.
-    `caps`
-    (S, 2), `starts` (P + 1,) and `heights` (P,) are the packed outlines of the pillars; `reach` (P, 3) circles x, y,
-    radius
-    around them. `room` (K, 2) is the outline under the ceiling at `height`, (0, 2) without one. Lamps (L, 5): x, y, z,
-    power, half-light distance. `metre` is the length of a metre in scene units, `contrast` a factor of the textures.
+    `caps` (S, 2), `starts` (P + 1,) and `heights` (P,) are the packed outlines of the pillars; `reach` (P, 3)
+    circles x, y, radius around them. `room` (K, 2) is the outline under the ceiling at `height`, (0, 2) without
+    one. Lamps (L, 5): x, y, z, power, half-light distance. `metre` is the length of a metre in scene units,
+    `contrast` a factor of the textures.
     """
 
     faces: Floats  # (F, 5) visible upright faces: ax, ay, bx, by, height
@@ -56,10 +55,9 @@ class Solid(NamedTuple):
 class Background(NamedTuple):
     """The empty room as seen by one camera, with four lines of sight per pixel.
 
-    BGR colours (H, W, 3); depths along the optical axis (H, W, 4); directions of the lines of sight in the world (H, W,
-    4, 3);
-    x, y on the floor and share of the pixel that is floor (H, W, 3); light of each lamp there, without shadows (H, W,
-    L).
+    BGR colours (H, W, 3); depths along the optical axis (H, W, 4); directions of the lines of sight in the world
+    (H, W, 4, 3); x, y on the floor and share of the pixel that is floor (H, W, 3); light of each lamp there,
+    without shadows (H, W, L).
     """
 
     colour: Floats32  # (H, W, 3) BGR
@@ -94,8 +92,7 @@ def cast(
 
     Returns:
         (N,) distances in ray lengths, inf without a hit, and (N,) surfaces: -1 none, 0 floor, 1 ceiling, then the
-        faces, then
-        the tops of the pillars.
+        faces, then the tops of the pillars.
     """
     cx, cy, cz = origin[0], origin[1], origin[2]
     t_out = np.full(rays.shape[0], np.inf)

@@ -152,8 +152,7 @@ def lamps(region: Floats, height: float) -> Floats:
     """(2, 5) lamps of a room with the outline `region` (n, 2) and the ceiling at `height`, in scene units.
 
     Columns: x, y, z, power, and the distance at which the light has fallen to half (half-light distance). The first
-    hangs
-    where the room is widest, the second far from the first and from the walls.
+    hangs where the room is widest, the second far from the first and from the walls.
     """
     low, high = region.min(axis=0), region.max(axis=0)
     steps = np.linspace(0.08, 0.92, 15)

@@ -82,10 +82,9 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
     """Merge sources that an array cannot resolve.
 
     Sources nearer to each other than the resolution are one, and so are all that are linked by such pairs (single
-    linkage).
-    Their direction is the mean of their unit vectors: they are taken to be of equal power.  "Nearer" is along the arc,
-    or
-    in azimuth where the array is planar or the height of one of the two is unknown.  The first of them represents all.
+    linkage). Their direction is the mean of their unit vectors: they are taken to be of equal power. "Nearer" is
+    along the arc, or in azimuth where the array is planar or the height of one of the two is unknown. The first of
+    them represents all.
 
     Args:
         to: (T, n, 3) vectors from the array to n sources at T times, z 0 where unknown.
@@ -95,9 +94,8 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
         planar: whether the array measures azimuths only.
 
     Returns:
-        (T, n, 3) vectors, a unit vector where several sources are merged; (T, n) whether all heights of merged sources
-        are
-        known; (T, n) mask of the sources that are heard and represent their group.
+        (T, n, 3) vectors, a unit vector where several sources are merged; (T, n) whether all heights of merged
+        sources are known; (T, n) mask of the sources that are heard and represent their group.
     """
     size = max(1, BLOCK // to.shape[1] ** 2)
     blocks = [slice(k, k + size) for k in range(0, len(to), size)]
@@ -109,13 +107,13 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
 
 
 def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
-    """Merge unresolved sources for one block of T times; see `merge_near`.
+    """Merge sources that an array cannot resolve, at T times in one block: those linked by pairs that are too near.
 
     Args:
         to: (T, n, 3) vectors from the array to n sources.
         known: (T, n) mask of sources with a known height.
         heard: (T, n) mask of sources that are heard.
-        resolution: angle below which two sources are merged [rad].
+        resolution: angle below which two sources are merged [rad]; in azimuth unless both heights are known.
         planar: whether the array measures azimuths only.
 
     Returns:
@@ -179,14 +177,12 @@ def observe_arrays(
 ) -> Iterator[Doa]:
     """Simulate the directions of arrival from every target that each microphone array hears.
 
-    Sounding targets are of equal strength; sound needs no time and goes past occluders and walls; the moving occluders
-    are
-    silent.  Azimuth and elevation about the array's own axes carry independent Gaussian noise and are converted to
-    angles
-    in the world.  A planar array measures no elevation, nor does any of a target of unknown height (z NaN).  Targets
-    nearer
-    to each other than the array's resolution are heard as one (`merge_near`): its noise, and whether it is missed, are
-    those of the first of them.  A target that is out of range (in space), silent or missed has no row.
+    Sounding targets are of equal strength; sound needs no time and goes past occluders and walls; the moving
+    occluders are silent. Azimuth and elevation about the array's own axes carry independent Gaussian noise and are
+    converted to angles in the world. A planar array measures no elevation, nor does any of a target of unknown
+    height (z NaN). Targets nearer to each other than the array's resolution are heard as one (`merge_near`): its
+    noise, and whether it is missed, are those of the first of them. A target that is out of range (in space),
+    silent or missed has no row.
 
     Args:
         scene: scene with the arrays.
@@ -255,9 +251,9 @@ def _report(
         frames: T times with the positions of all objects.
         columns: (n,) indices of the targets among the objects.
         ids: numbers of all objects.
-        sounds: (T, n) mask of targets that sound.
+        sounds: (T, n) mask of targets that make a sound.
         miss: probability that a direction is not reported.
-        sound: false directions, labels.
+        sound: settings of false directions, and whether rows have the number of their target.
     """
     array = sensor.array
     shape = (len(frames.t_ns), len(columns))

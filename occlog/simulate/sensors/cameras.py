@@ -26,10 +26,9 @@ from occlog.simulate.world.scripted_paths import truth_grid
 class SimulatedCamera(NamedTuple):
     """A camera with its walls, true pose and random generators, constant over all its frames.
 
-    `walls` are polygons (K, 2) that no line of sight crosses; true ground position (2,) and yaw [rad] differ from the
-    stated
-    ones if calibration errors are simulated; `noise` is the generator of the readings, `chance` of misses and false
-    alarms.
+    `walls` are polygons (K, 2) that no line of sight crosses; true ground position (2,) and yaw [rad] differ from
+    the stated ones if calibration errors are simulated; `noise` is the generator of the readings, `chance` of
+    misses and false alarms.
     """
 
     camera: Camera

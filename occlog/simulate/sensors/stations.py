@@ -27,9 +27,8 @@ from occlog.simulate.world.scripted_paths import truth_grid
 class SimulatedReader:
     """A tag reader with its own random generators, and the shadowing of each tag at its last read.
 
-    `noise` is the generator of strengths, `chance` of which tags are read, `shadow` of the shadowing; `levels` [dB] by
-    tag at
-    the time `last_ns` [ns].
+    `noise` is the generator of strengths, `chance` of which tags are read, `shadow` of the shadowing; `levels` [dB]
+    by tag at the time `last_ns` [ns].
     """
 
     reader: TagReader
@@ -67,12 +66,11 @@ def observe_readers(
 ) -> Iterator[Reads]:
     """Simulate the reads of the targets' tags by the readers of a scene; a tag has the number of its target.
 
-    A reader reads at its own rate, or at every step.  It reads a tag within its `range` on the floor with the
-    probability `read_detection_probability` and others with `read_false_alarm_probability`; where the scene states no
-    range, any tag with `read_detection_probability`. Signals below `min_rssi_dbm` are not read.  The strength follows
-    from
-    the distance in space; a target of unknown height carries its tag on the floor.  Walls and people have no effect but
-    the shadowing, which is independent for each reader and tag.
+    A reader reads at its own rate, or at every step. It reads a tag within its `range` on the floor with the
+    probability `read_detection_probability` and others with `read_false_alarm_probability`; where the scene states
+    no range, any tag with `read_detection_probability`. Signals below `min_rssi_dbm` are not read. The strength
+    follows from the distance in space; a target of unknown height carries its tag on the floor. Walls and people
+    have no effect but the shadowing, which is independent for each reader and tag.
 
     Args:
         scene: scene with the readers.
@@ -149,9 +147,8 @@ def _read(
 class Station(NamedTuple):
     """A sensor at a known position (3,) that measures ranges, range differences or signal strengths, with generators.
 
-    `noise` is that of the measurements, `chance` of misses, outliers and non-line-of-sight signals; `signal` has the
-    shadowing
-    of each target.
+    `noise` is that of the measurements, `chance` of misses, outliers and non-line-of-sight signals; `signal` has
+    the shadowing of each target.
     """
 
     name: str
@@ -189,9 +186,9 @@ def observe_stations(
 ) -> Iterator[Measurements]:
     """Simulate ranges, range differences and signal strengths between the stations of a scene and the targets.
 
-    Distances are in space; a target of unknown height is on the floor.  A difference is that of each station but the
-    first
-    to the first.  Walls and people have no effect; non-line-of-sight signals have the probability `nlos_probability`.
+    Distances are in space; a target of unknown height is on the floor. A difference is that of each station but the
+    first to the first. Walls and people have no effect; non-line-of-sight signals have the probability
+    `nlos_probability`.
 
     Args:
         scene: cameras and arrays are the stations.

@@ -142,9 +142,8 @@ def _clear(box: Floats, others: Floats) -> Bools:
 class Avoidance(NamedTuple):
     """Parameters by which objects avoid obstacles in potential fields ([Lee] Sec. 5.2.2).
 
-    Field and step rules; packed polygons of the static occluders that repel; `patience`: steps without getting nearer
-    to a
-    destination after which another one is taken; recorded walkers, None for none.
+    Field and step rules; packed polygons of the static occluders that repel; `patience`: steps without getting
+    nearer to a destination after which another one is taken; recorded walkers, None for none.
     """
 
     field: Field
@@ -157,9 +156,8 @@ class Avoidance(NamedTuple):
 class AvoidingState(NamedTuple):
     """State of n objects that walk by potential fields.
 
-    Positions and destinations (n, 2); total force of the last step (n, 2), NaN before the first; least distance from
-    the
-    destination so far (n,), and steps since then (n,); number of steps done.
+    Positions and destinations (n, 2); total force of the last step (n, 2), NaN before the first; least distance
+    from the destination so far (n,), and steps since then (n,); number of steps done.
     """
 
     xy: Floats  # (n, 2)

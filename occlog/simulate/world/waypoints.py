@@ -28,9 +28,8 @@ from occlog.core.plane import distance_to_boundary, point_inside, segment_blocke
 class Ground(NamedTuple):
     """Free ground on which objects move: the room without walls and occluders.
 
-    Outline of the room (K, 2); packed polygons (S, 2) of static occluders and pockets of the room, with the index of
-    the
-    first corner of each, then S (P + 1,); minimum distance of a centre from both.
+    Outline of the room (K, 2); packed polygons (S, 2) of static occluders and pockets of the room, with the index
+    of the first corner of each, then S (P + 1,); minimum distance of a centre from both.
     """
 
     room: Floats  # (K, 2)
@@ -269,7 +268,7 @@ ATTEMPTS = 20_000
 
 
 class WaypointState(NamedTuple):
-    """Positions and destinations (n, 2) of n walking objects, and the number of steps done."""
+    """State of n walking objects: positions `xy` and destinations (n, 2) in scene units, and number of steps done."""
 
     xy: Floats  # (n, 2)
     destination: Floats  # (n, 2)

@@ -52,10 +52,8 @@ class LearningFrames:
     """Downscaled frames of one camera kept for learning, at most `limit`, evenly spread over the recording.
 
     Every `stride`-th frame is kept; when there are too many, every second one is dropped and the stride doubles.
-    `count` is
-    the number of frames so far, `shape` that of the first image before it was downscaled by the factor `shrink`;
-    `boxed`
-    holds whole frames with a target's box by frame number.
+    `count` is the number of frames so far, `shape` that of the first image before it was downscaled by the factor
+    `shrink`; `boxed` holds whole frames with a target's box by frame number.
     """
 
     limit: int = 2
@@ -78,9 +76,8 @@ class LearningFrames:
     def keep(self, number: int, image: Image) -> None:
         """Keep the downscaled image of the `number`-th frame of the camera, selected by `wants`.
 
-        If `limit` images are kept already, every second one is dropped and the stride doubled before; the image is then
-        kept
-        only if its number still fits.
+        If `limit` images are kept already, every second one is dropped and the stride doubled before; the image is
+        then kept only if its number still fits.
         """
         if len(self.images) == self.limit:
             self.images = self.images[::2]
@@ -129,8 +126,7 @@ def learn_from(
     """Learn empty scenes, sizes of people and appearances of targets from sampled frames.
 
     Returns the empty scene of each camera, the sizes where the pose does not determine them, and the targets of
-    `boxes`.
-    InputError if a box's frame is missing or has no foreground in the box.
+    `boxes`. InputError if a box's frame is missing or has no foreground in the box.
 
     Args:
         samples: frames by camera, of `sample_frames`.
@@ -184,10 +180,10 @@ def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, confi
     """Set shape, downscaling factor and maximum number of samples by the first image of a camera, in place.
 
     Args:
-        samples: frames of the camera, updated.
+        samples: frames of the camera that are kept for learning, updated.
         image: first image of the camera.
         name: name of the camera.
-        scene: has the cameras.
+        scene: scene with all cameras.
         config: settings of the detection.
     """
     samples.shape = image.shape

@@ -108,10 +108,9 @@ def choose(
     """Assign a region to each of T targets in one frame, and update `memory` with their positions.
 
     With appearances, pairs of target and region are assigned greedily by similarity plus `CONTINUITY_BONUS` times
-    closeness to the last position, one region per target, if the similarity is sufficient. Without appearances there is
-    one
-    target: the region with the most foreground times 1 + closeness, so that it does not change between regions of about
-    the same size. Regions with more than `MAX_CLUSTER_RATIO` times a person's pixels are excluded.
+    closeness to the last position, one region per target, if the similarity is sufficient. Without appearances
+    there is one target: the region with the most foreground times 1 + closeness, so that it does not change between
+    regions of about the same size. Regions with more than `MAX_CLUSTER_RATIO` times a person's pixels are excluded.
 
     Args:
         t_ns: time of the frame [ns].
@@ -152,9 +151,8 @@ def choose(
 def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
     """(K,) closeness of regions to the target's last position: exp(-d^2 / 2), with the normalised distance d.
 
-    d is in units of `MAX_JUMP_WIDTHS` standard deviations of a person's pixels across. 0 without a last position, and
-    after
-    `MEMORY_S`.
+    d is in units of `MAX_JUMP_WIDTHS` standard deviations of a person's pixels across. 0 without a last position,
+    and after `MEMORY_S`.
 
     Args:
         t_ns: time of the frame [ns].
@@ -195,9 +193,8 @@ class CameraState:
     """State of the detection in one camera, used by one thread at a time.
 
     Camera, scene, settings; empty scene and sizes of people if learned; targets to search for; `setup`, made at the
-    first
-    frame; `seen`, frames given to the background model; last positions of targets; frames with separate people; `near`,
-    track feedback that limits the search for targets (None: whole image).
+    first frame; `seen`, frames given to the background model; last positions of targets; frames with separate
+    people; `near`, track feedback that limits the search for targets (None: whole image).
     """
 
     camera: Camera

@@ -24,11 +24,9 @@ CONTINUITY_BONUS_CHI2 = 4.0
 def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
     """For each row of the first group's tracks, find the row of the same person in the second group's.
 
-    Tracks are compared by their squared Mahalanobis distance, averaged over `span_s` around the time step and clipped
-    to
-    `MAX_DISTANCE_GATES` times the squared gate. Pairs within the gate are assigned one to one at each time step; pairs
-    of
-    the time step before are preferred.
+    Tracks are compared by their squared Mahalanobis distance, averaged over `span_s` around the time step and
+    clipped to `MAX_DISTANCE_GATES` times the squared gate. Pairs within the gate are assigned one to one at each
+    time step; pairs of the time step before are preferred.
 
     Args:
         first: n rows at common time steps, ordered by time.
@@ -81,7 +79,7 @@ class GroundPositions(NamedTuple):
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
     def take(self, rows: Ints) -> GroundPositions:
-        """Select positions by indices."""
+        """The positions with these indices, in this order."""
         return GroundPositions(*(values[rows] for values in self))
 
 
@@ -135,9 +133,8 @@ def _compared(
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
     """Sorted pairs of identities, one of each group, that are within the gate at some time step.
 
-    `error` is the standard deviation of the difference of positions beyond their covariances [length], `gate` the limit
-    in
-    standard deviations.
+    `error` is the standard deviation of the difference of positions beyond their covariances [length], `gate` the
+    limit in standard deviations.
     """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()

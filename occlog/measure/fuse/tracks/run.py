@@ -49,10 +49,9 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
     """Return the figures of the summary by name.
 
     people, rows: of the output. multi_group_share: share of rows of people that several groups track at that time,
-    missing without rows. possible_switches: number of such events. groups: for each input file its number of people,
-    and
-    for each but the first the rows matched with groups before (matched_pairs) and the median distance of the matched
-    positions (median_separation [length]).
+    missing without rows. possible_switches: number of such events. groups: for each input file its number of
+    people, and for each but the first the rows matched with groups before (matched_pairs) and the median distance
+    of the matched positions (median_separation [length]).
 
     Args:
         paths: file of each group.
@@ -106,8 +105,8 @@ def _apart(
     """Findings about each group of cameras that disagrees with the groups before it.
 
     It has no time step in common, no matched people, or a mean offset above `MAX_SEPARATION_RATIO` times the
-    registration
-    error. Groups without tracks are skipped. `paths` are the files of the groups, `unit` names the length unit.
+    registration error. Groups without tracks are skipped. `paths` are the files of the groups, `unit` names the
+    length unit.
     """
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):

@@ -65,8 +65,7 @@ def at_times(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> 
     """Resample all tracks to the time steps `times` (T,) [ns]; rows sorted by time and identity.
 
     A row at a time step is unchanged. Between rows at most `gap_ns` [ns] apart states are interpolated linearly;
-    otherwise
-    the nearest row at most `window_ns` [ns] from a time step is moved there with its velocity.
+    otherwise the nearest row at most `window_ns` [ns] from a time step is moved there with its velocity.
     """
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     starts = np.flatnonzero(np.diff(tracks.target_id[order], prepend=-1)) if len(order) else np.zeros(0, dtype=np.int64)
@@ -124,10 +123,9 @@ NOT_THERE = "-"
 class GroupConsistency(NamedTuple):
     """Agreement of a group of cameras with the groups before it.
 
-    `n_common`: time steps at which both have a person. `pairs`: rows of one person matched at them. `offset`: mean x
-    and
-    y of the later group's position minus the earlier one. `distance`: median distance of matched positions [length].
-    Both are NaN without pairs.
+    `n_common`: time steps at which both have a person. `pairs`: rows of one person matched at them. `offset`: mean
+    x and y of the later group's position minus the earlier one. `distance`: median distance of matched positions
+    [length]. Both are NaN without pairs.
     """
 
     n_common: int  # at which both have a person
@@ -352,9 +350,8 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
     """Build the events: initiations (first row of an identity), terminations (time step after its last), switches.
 
-    An identity that lasts to the last time step has no termination. `doubts` are the possible switches, `times` (T,)
-    all
-    time steps [ns].
+    An identity that lasts to the last time step has no termination. `doubts` are the possible switches, `times`
+    (T,) all time steps [ns].
     """
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]

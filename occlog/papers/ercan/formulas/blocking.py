@@ -246,9 +246,8 @@ def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
 def patterns(seen: Floats) -> Floats:
     """(L, 2^N) p(eta): probabilities of all patterns eta of cameras that see a position; column = sum of eta_i 2^i.
 
-    They sum to 1, and are not limited below. `seen` (L, 2^N) has p_Q, the probability that all cameras of the subset Q
-    see
-    it.
+    They sum to 1, and are not limited below. `seen` (L, 2^N) has p_Q, the probability that all cameras of the
+    subset Q see it.
     """
     out = seen.copy()
     columns: Ints = np.arange(seen.shape[1], dtype=np.int64)

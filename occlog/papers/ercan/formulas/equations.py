@@ -67,9 +67,8 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
     """Mean ratio of the variance by Eq. 2 to that of readings by drawn cameras; with and without the printed square.
 
-    At the edge of the image, without noise of the readout. `n_points` is the number of random depths. The keys are name
-    and x
-    (NaN).
+    At the edge of the image, without noise of the readout. `n_points` is the number of random depths. The keys are
+    name and x (NaN).
     """
     d = rng.uniform(*DEPTHS, n_points)
     h = d * math.tan(0.5 * FOV)

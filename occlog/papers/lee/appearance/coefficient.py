@@ -34,12 +34,11 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
         spec: `values` (number of values in each histogram), `seed` and `run`.
 
     Returns:
-        `same-M`: two samples of a uniform density of M bins; `few-M`: with a quarter of the values; `same-closed-M` and
-        `few-closed-M`: 1 less the bias in closed form; `two-M`: two objects of normal grey levels with different means;
-        `shift-S`: the two in bins with end points S widths further; `layout` and `order`: change of the coefficient
-        when
-        the pixels of one are permuted, and when the bins of both are; `beyond`: how far any coefficient is outside of
-        [0, 1].
+        `same-M`: two samples of a uniform density of M bins; `few-M`: with a quarter of the values; `same-closed-M`
+        and `few-closed-M`: 1 less the bias in closed form; `two-M`: two objects of normal grey levels with
+        different means; `shift-S`: the two in bins with end points S widths further; `layout` and `order`: change
+        of the coefficient when the pixels of one are permuted, and when the bins of both are; `beyond`: how far any
+        coefficient is outside of [0, 1].
     """
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)))
     n = int(spec["values"])
@@ -106,7 +105,7 @@ EXACT = 1e-12
 
 
 def judge_coefficients(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements of the thesis about the coefficient, and this project's about its bias."""
+    """Verdicts on the Bhattacharyya coefficient of histograms ([Lee] Sec. 5.2.1): range, what changes it, bias."""
     two = v.series(table, TWO)
     return [
         _nothing(table, "range", BEYOND, "The coefficient is in the range 0 to 1; farthest outside."),

@@ -155,10 +155,8 @@ def faces_trial(spec: Spec) -> dict[str, float]:
     Returns:
         For each kind of people `rank1-KIND-bins-M` and `auc-KIND-bins-M` with all angles, by number M of bins;
         `rank1-KIND-angles-N` and `auc-...` by number N of angles in the gallery (0: all sides together); and by the
-        number
-        K of known angles the shares of false decisions `false-KIND-anyway-K` and `false-KIND-suspended-K`, and the
-        share
-        `left-KIND-K` of suspended ones.
+        number K of known angles the shares of false decisions `false-KIND-anyway-K` and `false-KIND-suspended-K`,
+        and the share `left-KIND-K` of suspended ones.
     """
     run = np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),))
     canvas, levels, probes = studio(), list(LEVELS), int(spec["probes"])
@@ -280,7 +278,10 @@ def _run(size: Size, execute: Execute) -> list[dict[str, float]]:
 
 
 def by_bins(size: Size, execute: Execute) -> Table:
-    """Table of rank-1 and AUC against the number of bins; steps are candidates of each person and angle."""
+    """Table of rank-1 rate and AUC of the recognition of faces by colour, against the number of histogram bins.
+
+    `size.steps` is the number of candidates of each person and angle.
+    """
     found = _run(size, execute)
     return [
         PaperRow(f"{words}, {name}", m, tuple(f[f"{key}-{kind}-bins-{m}"] for f in found))
@@ -291,7 +292,10 @@ def by_bins(size: Size, execute: Execute) -> Table:
 
 
 def by_angles(size: Size, execute: Execute) -> Table:
-    """Table of rank-1 and AUC against the number of angles; all sides together is a line across."""
+    """Table of rank-1 rate and AUC of the recognition of faces by colour, against the number of angles in the gallery.
+
+    One histogram of all sides is a line across. `size.steps` is the number of candidates of each person and angle.
+    """
     found = _run(size, execute)
     rows = []
     for kind, words in KINDS.items():
@@ -303,7 +307,7 @@ def by_angles(size: Size, execute: Execute) -> Table:
 
 
 def by_suspension(size: Size, execute: Execute) -> Table:
-    """Table of the share of false decisions against the number of angles that the gallery has of seven."""
+    """Table of the share of false decisions on faces against the number of angles, of seven, that the gallery has."""
     found = _run(size, execute)
     rows = []
     for kind, words in KINDS.items():
@@ -316,7 +320,7 @@ def by_suspension(size: Size, execute: Execute) -> Table:
 
 
 def judge_bins(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether different people are separable and similar ones challenging."""
+    """Verdicts on whether faces of different people are separable by colour, and those of similar people less so."""
     out = []
     for name in ("rank-1", "AUC"):
         statement = (
@@ -355,7 +359,7 @@ def judge_angles(table: Table) -> list[StatementVerdict]:
 
 
 def judge_suspension(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether suspending avoids false decisions."""
+    """Verdicts on whether decisions are less often false if suspended until a known side of the face is seen."""
     return [
         v.pairs(
             f"suspend-{kind}",

@@ -113,7 +113,10 @@ def _holds(change: Floats, sign: int, full: float) -> np.ndarray[tuple[int], np.
 
 
 def motions(size: Size, execute: Execute) -> Table:
-    """Table of the shares for each printed statement and camera; steps are people."""
+    """Table of the share of people for whom each printed statement on apparent motion holds, by camera.
+
+    `size.steps` is the number of people.
+    """
     found = execute(
         [{"kind": "lee-motion", "people": size.steps, "seed": size.seed, "run": r} for r in range(size.runs)]
     )

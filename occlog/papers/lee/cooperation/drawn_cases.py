@@ -65,9 +65,8 @@ PERFORMANCE = ("bearing", "ellipse")
 class HearingChange(NamedTuple):
     """A case of Fig. 3-8: groups of objects heard before and from a time step on; a group is heard as one source.
 
-    `what` describes it; `edge` are objects at the end of the range then, `close` two objects with bearings that differ
-    by
-    the resolution.
+    `what` describes it; `edge` are objects at the end of the range then, `close` two objects with bearings that
+    differ by the resolution.
     """
 
     what: str
@@ -229,11 +228,9 @@ def judge_changes(table: Table) -> list[StatementVerdict]:
 class Sketch(NamedTuple):
     """A case of Figs. 3-10, 3-11 or 3-13: where the particles of each model are, and which conditions hold.
 
-    `clouds` are triples (side, along, width): `side` is a share of the angle from z1, the bearing of the object, to z2,
-    that of
-    another; `along` a share of the distance from the near end to the far one; `width` a standard deviation [m].
-    `bearing`
-    and `ellipse`: whether (3.15) and (3.16) fire; None: not stated.
+    `clouds` are triples (side, along, width): `side` is a share of the angle from z1, the bearing of the object, to
+    z2, that of another; `along` a share of the distance from the near end to the far one; `width` a standard
+    deviation [m]. `bearing` and `ellipse`: whether (3.15) and (3.16) fire; None: not stated.
     """
 
     clouds: tuple[tuple[float, float, float], ...]

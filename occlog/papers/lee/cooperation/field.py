@@ -81,7 +81,7 @@ def by_variance(size: Size, execute: Execute) -> Table:
 
 
 def judge_variance(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 3-4."""
+    """Verdicts on [Lee] Fig. 3-4: the error grows with the variance of the bearings; printed errors."""
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, f"{MEAN}, {name}")
@@ -148,7 +148,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 
 
 def judge_period(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 3-6."""
+    """Verdicts on [Lee] Fig. 3-6: the shorter the period of asking cameras, the smaller the error."""
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, name)
@@ -171,7 +171,7 @@ def by_policy(size: Size, execute: Execute) -> Table:
 
 
 def judge_policy(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 3-14, and whether each policy is cheaper than a period."""
+    """Verdicts on [Lee] Fig. 3-14: the error without cameras, what each trigger adds, whether triggers save frames."""
     out = []
     none = v.find(table, f"{NONE}, {THESIS}")
     if none is not None:
@@ -260,7 +260,7 @@ def by_object(size: Size, execute: Execute) -> Table:
 
 
 def judge_object(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the numbers of Table 3.1."""
+    """Verdicts on the printed errors of single objects, and the mean time between requests, in [Lee] Table 3.1."""
     out = []
     for n, (name, text) in enumerate(((NONE, "without cameras"), (PRINTED, "with the printed triggers"))):
         for k, values in TABLE.items():

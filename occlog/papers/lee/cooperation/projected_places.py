@@ -66,9 +66,9 @@ def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> Tag
 def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:
     """Replace the triangulated position in the answer to a request by that of the parallel projection model.
 
-    Two lines go through the position where they intersect, so that its bearings are theirs.  The covariance stays that
-    of
-    the intersection.  Without a position by the model the answer has none; requests without two cameras are unchanged.
+    Two lines go through the position where they intersect, so that its bearings are theirs. The covariance stays
+    that of the intersection. Without a position by the model the answer has none; requests without two cameras are
+    unchanged.
     """
     answer = request.answer
     if answer.position is None or len(request.cameras) != 2:

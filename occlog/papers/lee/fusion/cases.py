@@ -70,9 +70,9 @@ RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of 
 
 
 def curves(size: Size, execute: Execute) -> Table:
-    """Table of the share declared against the variance, for each number of detecting sensors and each rule.
+    """Table of the share of trials that declare an object, against the variance of local positions.
 
-    Steps are trials.
+    A series for each number of detecting sensors and each decision rule; `size.steps` is the number of trials.
     """
     variances = VARIANCES[::3] if size.quick else VARIANCES
     points = [(n, x) for n in PRINTED for x in variances]
@@ -91,7 +91,7 @@ def curves(size: Size, execute: Execute) -> Table:
 
 
 def judge_curves(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the printed thresholds and crossings, under each rule."""
+    """Verdicts on [Lee] Fig. 4-3: variances at which the share of declarations falls below levels or curves cross."""
     out = []
     for n, limits in PRINTED.items():
         for level, limit in zip((0.99, 0.50), limits, strict=True):
@@ -141,9 +141,8 @@ def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
 class FusionCase(NamedTuple):
     """A case study of Sec. 4.4.2: detections of three sensors, prediction, and printed results.
 
-    Detections (3, 2), NaN where missed; qualities W by sensor from 0; fused position; prior P_1; decision value by Eq.
-    4.13
-    and declaration; decision value by Eq. 4.3, None if not printed.
+    Detections (3, 2), NaN where missed; qualities W by sensor from 0; fused position; prior P_1; decision value by
+    Eq. 4.13 and declaration; decision value by Eq. 4.3, None if not printed.
     """
 
     detections: Floats  # (3, 2), NaN where missed
@@ -229,7 +228,7 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge_case(name: str, table: Table) -> list[StatementVerdict]:
-    """Verdicts on each printed number of the case study `name`."""
+    """Verdicts on each printed number of the case study `name` ([Lee] Figs. 4-4 to 4-6)."""
     c = CASES[name]
     out = [
         v.printed(

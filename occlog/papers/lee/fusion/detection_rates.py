@@ -44,11 +44,10 @@ def fusion_trial(spec: Spec) -> dict[str, float]:
             every camera; the fusion assumes both), `fuse` (fields of `FuseConfig`) and `track` (true: also track).
 
     Returns:
-        For `before` and `after` the fusion: `detection_` rate of visible targets, `false_` alarms per frame, `hidden_`
-        detections of targets behind others, as a share of them; `nees_recovered`, the mean squared error of recovered
-        bearings over their variances; and RMSE of tracks of unfused bearings (`rmse_raw`), and of fused ones with
-        recovered
-        rows ignored or used (`rmse_ignore`, `rmse_use`).
+        For `before` and `after` the fusion: `detection_` rate of visible targets, `false_` alarms per frame,
+        `hidden_` detections of targets behind others, as a share of them; `nees_recovered`, the mean squared error
+        of recovered bearings over their variances; and RMSE of tracks of unfused bearings (`rmse_raw`), and of
+        fused ones with recovered rows ignored or used (`rmse_ignore`, `rmse_use`).
     """
     scene = scene_from_yaml(spec["scene"], "scene")
     seed = int(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)).generate_state(1, np.uint32)[0])
@@ -163,7 +162,7 @@ def _spec(size: Size, run: int, cameras: int, false: float, track: bool) -> Spec
 
 
 def judge_rates(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements of the thesis about the fusion."""
+    """Verdicts on [Lee] Sec. 4.1: fusion recovers missed detections, and false ones do not spread to other cameras."""
     missed = "Missed detections are recovered: detection rate higher by this"
     false = "False detections do not spread: fewer false reports a frame, by this"
     return [
@@ -173,7 +172,7 @@ def judge_rates(table: Table) -> list[StatementVerdict]:
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Verdicts on this project's statements about tracking with fused bearings."""
+    """Verdicts on whether a tracker gains by fused bearings, and loses if it counts recovered ones as measured."""
     gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
     twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
     return [

@@ -50,7 +50,7 @@ def name_of(step: str, radius: float) -> str:
 
 
 def escapes(size: Size, execute: Execute) -> Table:
-    """Table of escapes of the printed robot by the printed and other angles, and shares over random lines."""
+    """Table of whether the printed robot escapes by the printed and other angles, and of collisions in random cases."""
     rows: Table = []
     for step, config in STEPS.items():
         for radius in RADII:
@@ -116,7 +116,7 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def judge_escapes(table: Table) -> list[StatementVerdict]:
-    """Verdicts on what Sec. 5.2.2 states about the two escapes, of their angles and of their distances."""
+    """Verdicts on the two escapes from oscillation ([Lee] Sec. 5.2.2): do they reach the goal, angles, distances."""
 
     def of(step: str, radius: float) -> PaperRow:
         row = v.find(table, name_of(step, radius) + ", printed angle")
@@ -262,7 +262,7 @@ def near(size: Size, execute: Execute) -> Table:
 
 
 def judge_near(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the guarantee for robots that are nearly in line, where no two doubles are equal."""
+    """Verdicts on whether the modified force prevents collisions of robots that are nearly, not exactly, in line."""
     exact, plain = "equalities (5.18), (5.26)", "(5.15)"
     out = [
         always(

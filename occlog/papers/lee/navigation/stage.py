@@ -50,9 +50,8 @@ class RobotStep(NamedTuple):
     """N robots at one step, A of which are still active; others have ended earlier.
 
     Number of the step; indices of the active robots (A,), their positions (A, 2), least clearance since the step
-    before,
-    border to border (A,), index of that obstacle, -1 for none (A,), and forces of the next step, None if no robot
-    continues.
+    before, border to border (A,), index of that obstacle, -1 for none (A,), and forces of the next step, None if no
+    robot continues.
     """
 
     number: int
@@ -176,9 +175,8 @@ def _guarded(
 ) -> tuple[Floats, Ints]:
     """Steps (A, 2) that do not collide if people continue as before, and the state (A,) of each robot.
 
-    A step that would collide is turned by the smallest sufficient angle, of two equal ones to the side nearer to the
-    goal;
-    if no direction is free, that with the largest clearance is taken, which may be no motion.
+    A step that would collide is turned by the smallest sufficient angle, of two equal ones to the side nearer to
+    the goal; if no direction is free, that with the largest clearance is taken, which may be no motion.
 
     Args:
         xy: (A, 2) positions.
@@ -247,10 +245,8 @@ class _Watch:
     """Detects robots that repeat themselves forever, or that stay at one position.
 
     Among static obstacles, position and total force determine all later steps: if both recur, the robot repeats its
-    steps.
-    The state that is compared is renewed at steps 1, 2, 4, 8, ... (Brent's cycle detection), so that a cycle of any
-    length
-    is found without a memory of all steps.
+    steps. The state that is compared is renewed at steps 1, 2, 4, 8, ... (Brent's cycle detection), so that a cycle
+    of any length is found without a memory of all steps.
     """
 
     def __init__(self, xy: Floats) -> None:

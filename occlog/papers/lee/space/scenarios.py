@@ -112,7 +112,7 @@ def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
 
 
 def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements of Secs. 2.4 and 2.5 about one scenario."""
+    """Verdicts on one of the four scenarios ([Lee] Secs. 2.4 and 2.5): PPS against the direct method, and bounds."""
     overall = {
         name: [v.find(table, f"{name} {a} overall") for a in AXIS_NAMES] for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
     }

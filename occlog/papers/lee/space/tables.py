@@ -51,7 +51,7 @@ def table_of(name: str, size: Size, execute: Execute) -> Table:
 
 
 def judge_table(name: str, table: Table) -> list[StatementVerdict]:
-    """Verdicts on the thesis' statement about the table, and its numbers."""
+    """Verdicts on [Lee] Table 2.1 or 2.2 (`name`): how ways to combine planes compare, and the printed errors."""
     key = f"table{name}"
     out = []
     y = [(v.find(table, WEIGHTED, 2.0), v.find(table, EQUAL, 2.0))]

@@ -89,7 +89,7 @@ def sums(size: Size, execute: Execute) -> Table:
 
 
 def judge_sums(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 2-7, from the table of `sums`."""
+    """Verdicts on [Lee] Fig. 2-7: sums of weights in a plane are larger than in space, and depend less on the noise."""
     out = []
     keys = {"degrees": "fig2.7-larger", "radians": "fig2.7-unit"}
     for unit, key in keys.items():

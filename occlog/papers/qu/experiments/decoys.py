@@ -71,7 +71,7 @@ def _spec(size: Size, run: int, scene: str) -> Spec:
 
 
 def judge_decoys(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether CMCT attaches to wrong targets on the line, because of the line, and BMCT does so less."""
+    """Verdicts on whether trackers of CMCT attach to wrong targets near the epipolar line, and those of BMCT less."""
     out = []
     on, off = (f"others {name}" for name in SCENES.values())
     bmct = v.find(table, f"BMCT, {on}")

@@ -112,7 +112,7 @@ def enough(totals: Floats, rates: Floats) -> float:
 
 
 def growth(curves: Sequence[FailureCurve], runs: Sequence[int] | slice = slice(None)) -> float:
-    """Exponent of the number of targets with which the sufficient particles grow, by means over some runs.
+    """Exponent with which the number of sufficient particles grows with that of targets, by means over some runs.
 
     Args:
         curves: failures at each number of targets.
@@ -138,7 +138,7 @@ def curves_of(table: Table, name: str) -> list[FailureCurve]:
 
 
 def judge_failures(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the growth of what suffices, the printed numbers, and whether more particles are more stable."""
+    """Verdicts on how sufficient particles grow with the targets, on printed numbers, and on stability by particles."""
     out = []
     own = {name: [c for c in curves_of(table, name) if c.targets <= 6] for name in (BMCT, MCMC)}
     for name, good, statement in (

@@ -123,7 +123,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 7, on MIPF, IDMOT and BMCT."""
+    """Verdicts on the statements about [Qu] Fig. 7: how many trackers of MIPF, IDMOT and BMCT leave their targets."""
     end = {m: next(r for r in table if r.series == f"{m.upper()}, last frame") for m in SHOWN}
     hijacked, n = end["mipf"], end["mipf"].runs
     failed = sum(x > 0 for x in end["idmot"].values)

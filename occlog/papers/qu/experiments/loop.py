@@ -217,7 +217,7 @@ SWEEPS = (1, 2, 4)
 
 
 def sweeps(size: Size, execute: Execute) -> Table:
-    """Table of both rates [%] of BMCT against the number of sweeps over the views."""
+    """Table of the rates of false positions and false labels [%] of BMCT against the number of sweeps over views."""
     methods = {f"bmct {n}": {"method": "bmct", "set": {"sweeps": n}} for n in SWEEPS}
     results = execute([views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)])
     return [

@@ -22,7 +22,7 @@ LOW = 8.0
 
 
 def motion(size: Size, execute: Execute) -> Table:
-    """Table of both rates [%] of every method at every motion; x is the position in `MOTIONS`, from 1."""
+    """Table of false position and false label rates [%] of every method at every motion; x: 1 + index in `MOTIONS`."""
     results = execute([_spec(size, run, name) for name in MOTIONS for run in range(size.runs)])
     rows = []
     for rate, name in RATES.items():

@@ -84,7 +84,7 @@ HALVES = ("first half", "second half")
 
 
 def compute(recording: PaperVideo, size: Size, execute: Execute) -> Table:
-    """Table of both rates of every method [%], and for its trackers the share off their targets in each half.
+    """Table of false position and false label rates of every method [%], with those off their targets in each half.
 
     Args:
         recording: video of the paper.

@@ -46,7 +46,7 @@ def _printed_exponent(values: Mapping[int, float]) -> float:
 
 
 def judge2(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Table 2, from the table of `table2`."""
+    """Verdicts on [Qu] Table 2: growth of particles and time of BMCT and joint filters with the targets."""
     out = []
     for what, name, printed in (("particles", TOTAL, PRINTED), ("time", TIME, FPS)):
         sign = 1.0 if printed is PRINTED else -1.0

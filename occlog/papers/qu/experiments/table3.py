@@ -47,7 +47,7 @@ GOAL = {"fr_p": (5.0, 1.0), "fr_l": (8.0, 2.0)}
 
 
 def table3(size: Size, execute: Execute) -> Table:
-    """Table of both rates of every method in every video [%]; x is the position in `METHODS`, from 1.
+    """Table of false position and false label rates of every method in every video [%]; x: 1 + index in `METHODS`.
 
     The value of a video is the mean over the seeds of the trackers, so that the standard error is over both seeds.
     """
