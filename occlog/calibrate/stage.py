@@ -87,8 +87,9 @@ class CameraResult(NamedTuple):
     Attributes:
         camera: camera with its pose.
         estimated: whether it was estimated; otherwise it is left as stated.
-        sigma: (12,) standard deviations of its parameters, in the order of `adjustment`, relative to all cameras
-            together; NaN: not estimated.
+        sigma: (12,) standard deviations relative to all cameras together, NaN if not estimated: rotation vector (3)
+            [rad], position (3), log of the focal length, first radial coefficient, delay of the clock [s], its drift,
+            biases of the upper and lower edges of boxes [heights of the box].
         late_s: delay of its clock at the beginning of the recording [s].
         drift_ppm: by how much its clock is fast against that of one of the cameras [ppm]; 0 where undetermined.
         boxes: number of boxes that determine it.

@@ -42,7 +42,7 @@ def place_arrays(
 
     Args:
         opened: input with directions of arrival.
-        scene: has the arrays, as stated.
+        scene: scene with the arrays as stated.
         paths: paths of the people.
         config: heights of mouths, and limit of clock offsets.
         metre: length of a metre in scene units.

@@ -335,10 +335,14 @@ def _near(a: Floats, b: Floats, metre: float) -> bool:
 
 
 def _starts(part: _Problem, prior: ArrayPrior) -> list[Floats]:
-    """At most `STARTS` initial parameters (5,) for the search: poses at which most directions agree with people.
+    """Initial parameters for the search, at most `STARTS`: poses at which most directions agree with people.
 
-    Votes over a grid of positions, yaws and clock offsets propose them; the likelihood selects. `part` is the
-    problem with few directions.
+    Votes over a grid of positions, yaws and clock offsets propose them; the likelihood selects. Each is (5,): x, y, yaw
+    [rad], delay of the clock [s], and 0 for the height above mouths.
+
+    Args:
+        part: problem with few directions.
+        prior: length of a metre in scene units.
     """
     step, around = GRID * prior.metre, AROUND * prior.metre
     there = part.xy[np.isfinite(part.xy)]
@@ -413,7 +417,10 @@ class _Terms(NamedTuple):
 
 
 def _terms(problem: _Problem, values: Floats) -> _Terms:
-    """Residuals of the directions to each person, and their derivatives, at the parameters `values` (5,)."""
+    """Residuals of the K directions to each of P people, and their derivatives by the parameters.
+
+    `values` (5,): x, y, correction of the yaw [rad], delay of the clock [s], height above mouths.
+    """
     heard = problem.heard
     at, speed = problem.positions(float(values[LATE]))
     there = np.isfinite(at)
@@ -501,7 +508,7 @@ def _normal(terms: _Terms, w: _Weighed, late_precision: float, values: Floats) -
         terms: residuals and derivatives.
         w: association probabilities.
         late_precision: inverse variance of the prior of the clock offset, around 0 [1/s^2].
-        values: (5,) parameters.
+        values: (5,) parameters: x, y, correction of the yaw [rad], delay of the clock [s], height above mouths.
     """
     pull = w.of_person / w.variance
     up = np.isfinite(terms.elevation)

@@ -366,7 +366,7 @@ def observe_boxes(
         boxes: boxes of frames in the order of time.
         images: frames in the order of time; not read where boxes bring their colours.
         paths: paths of tracks, by identity.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: settings of the association.
         levels: levels of hue, saturation and brightness of the histograms.
         own_identity: the boxes bring the identities of tracks; otherwise they are associated by position.

@@ -126,16 +126,13 @@ def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape)
 
 @kernel
 def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[float, EmStatistics]:
-    """E-step: log-likelihood of the pixels and the sufficient statistics of their responsibilities.
+    """E-step: log-likelihood of the foreground pixels, and the sufficient statistics of their responsibilities.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
         mixture: current state; clusters without mass get no pixels.
         area: area of the image [px^2], for the uniform noise term.
         labels: (N,) filled in place: most responsible cluster of each cell, -1 for noise.
-
-    Returns:
-        First term of J at the current state, and the statistics.
     """
     means = mixture.means
     n_clusters = means.shape[0]
@@ -174,7 +171,7 @@ def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[
 def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
     """(K, K) symmetric assignment entropies [nats] between pairs of K clusters, summed over their pixels.
 
-    This is what J loses, in addition to the worse fit, when the two are merged.
+    When two are merged, the classification log-likelihood loses this in addition to the worse fit.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
@@ -245,7 +242,9 @@ def run_em(
     max_steps: int,
     tolerance: float,
 ) -> tuple[Mixture, EmStatistics, float]:
-    """Run EM until J rises by less than `tolerance` per pixel, or for `max_steps` steps.
+    """Run EM until the log posterior J rises by less than `tolerance` per pixel, or for `max_steps` steps.
+
+    J is the log-likelihood of the foreground pixels plus the log prior of the clusters' covariances.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
@@ -258,7 +257,7 @@ def run_em(
         tolerance: rise of J per pixel.
 
     Returns:
-        The state, the statistics of its responsibilities, and J without the cost of the clusters.
+        The state, the statistics of its responsibilities, and J.
     """
     total = cells[:, 0].sum()
     value, statistics = e_step(cells, mixture, area, labels)

@@ -212,12 +212,12 @@ class Prior(NamedTuple):
 
 
 def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) -> Prior:
-    """Create the prior of the clustering for the images of one camera.
+    """Prior of the clustering for the images of one camera.
 
     Args:
         sizes: size map of people.
-        strength: weight nu_k of the sizes, in units of a person's pixels.
-        penalty: cost of a cluster in J, in units of a person's pixels.
+        strength: weight of the expected size against the pixels, in units of a person's pixels.
+        penalty: cost of a cluster in the log posterior, in units of a person's pixels.
         least: smallest cluster that is kept, in units of a person's pixels.
     """
     width, height = sizes.image_size

@@ -128,16 +128,16 @@ def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
 
 @kernel
 def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
-    """Drop the first cluster without which the objective J rises; return the rows (K - 1, 6) of that fit, or all.
+    """Drop the first cluster without which the penalised log posterior rises: rows (K - 1, 6) of that fit, or all.
 
-    Between two people who touch there may be a third cluster that merging of pairs does not remove. The clusters
-    with the highest assignment entropy per pixel are tried, at most `MAX_DOUBTS` of them.
+    Between two people who touch there may be a third cluster that merging of pairs does not remove. The clusters with
+    the highest assignment entropy per pixel are tried, at most `MAX_DOUBTS` of them.
 
     Args:
         cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
         groups: (K, 6) clusters, in the same columns.
-        entropy: (K, K) assignment entropies of pairs, by `shared_entropy`.
-        value: J with all clusters.
+        entropy: (K, K) assignment entropies of pairs [nats], by `shared_entropy`.
+        value: penalised log posterior with all clusters.
         prior: size map of people for the camera.
     """
     doubt = entropy.sum(axis=1) / np.maximum(groups[:, 0], 1.0)

@@ -78,7 +78,7 @@ def detect_by_network(
 
     Args:
         frames: frames in the order of time; each camera's also in the order of its index.
-        scene: has the cameras.
+        scene: scene with the cameras.
         detector: detection network.
         embedder: network that describes the appearance in the boxes; None: no embeddings.
         config: its `bit_depth`, `sigma_px` and `sigma_scale` are used.
@@ -220,7 +220,7 @@ def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Dete
 
     Args:
         seen: frames with boxes, embeddings and colours; those without boxes (None) become losses.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: settings of the detection; its minimum confidence is not used, since boxes are already selected by it.
     """
     good = [each for each in seen if each.boxed is not None]

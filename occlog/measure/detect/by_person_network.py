@@ -80,7 +80,7 @@ class PersonDetector:
 
         Args:
             frames: frames of all cameras.
-            scene: has the cameras.
+            scene: scene with the cameras.
             checks: earlier checks, which precede that of the network in the result.
             cameras: names of those for the network.
             by_background: generates the detections in frames of the others.

@@ -29,7 +29,7 @@ def detect_by_plugin(
 
     Args:
         frames: frames in the order of time; each camera's also in the order of its index.
-        scene: has the cameras.
+        scene: scene with the cameras.
         chosen: the plug-in; each camera has its own object, with its own reproducible random numbers.
         config: its `bit_depth`, `sigma_px`, `sigma_scale` and `min_confidence` are used.
 

@@ -79,7 +79,7 @@ def probe(
     Args:
         samples: frames kept for learning, by camera.
         learned: empty scenes and sizes of people.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: settings of the detection.
         detector: the person network.
     """

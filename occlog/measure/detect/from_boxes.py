@@ -118,7 +118,7 @@ def detect_boxes(
 
     Args:
         boxes: chunks in the order of time; rows of one frame must not be split between chunks.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: its `min_confidence`, `sigma_px` and `sigma_scale` are used; None: the defaults.
         labels: targets of the boxes' identities (`scan_labels`); None: no labels.
     """

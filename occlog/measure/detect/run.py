@@ -106,7 +106,7 @@ def write_detections(
         parameters: parameters for the provenance; skipped frames are added.
         lost: losses of the inputs.
         left: counter that the frames have passed; losses of frames are added.
-        scene: has the cameras.
+        scene: scene with the cameras.
         inputs: files that are read; None: those of the request.
         fused: counts of the fusion, for its checks; None: nothing is fused.
         checks: checks of the choice of the detector; numbers of frames and detections are added to that of `DETECTOR`.
@@ -494,7 +494,7 @@ def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more
     """Return the figures of the summary: paths of the written tables, `more`, and numbers of frames, boxes and rows.
 
     Args:
-        request: has the paths.
+        request: request with the paths of the tables.
         tally: counts of `write_detections`.
         **more: figures that are put between the paths and the numbers.
     """

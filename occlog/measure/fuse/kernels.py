@@ -43,8 +43,13 @@ CAUSES = (
 class FusionDecisions(NamedTuple):
     """Global decision of [Lee] Ch. 4 at each of N times, and what becomes of each detection of J cameras.
 
-    Fields: object declared, log-likelihood ratio and global position at each time; prior probability P_1; quality W and
-    index into `CAUSES` of each detection.
+    Attributes:
+        declared: (N,) whether an object is declared (hypothesis G_1).
+        value: (N,) natural-log odds of its presence (Eq. 4.13).
+        xy: (N, 2) global position in scene units; NaN where no detection was used.
+        prior: (N,) prior probability P_1 of its presence.
+        quality: (N, J) quality W of each detection, 0 to 1; NaN without detection.
+        cause: (N, J) index into `CAUSES`.
     """
 
     declared: Bools  # (N,) an object is there (G_1)
@@ -74,12 +79,14 @@ class FusionDecisions(NamedTuple):
 
 
 def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
-    """(N, J) quality W in [0, 1] of local detections; NaN if missing ([Lee] Eq. 4.20).
+    """(N, J) quality W in [0, 1] of local detections: Gaussian weight by distance from the prediction ([Lee] Eq. 4.20).
+
+    NaN without detection; 1/2, which states nothing, where the prediction is unknown.
 
     Args:
-        positions: (N, J, 2) ground positions of the local detections, NaN where missed.
-        predicted: (N, 2) predicted position.  NaN: not known; every detection then has W = 1/2, which states nothing.
-        sigma: spread of the position about the prediction [length], > 0.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
+        predicted: (N, 2) predicted ground positions; NaN: unknown.
+        sigma: standard deviation of detections from the prediction [length], > 0.
     """
     weight = np.exp(-_exponent(positions, predicted[:, None, :], sigma))
     known = _detected(predicted)[:, None]
@@ -109,12 +116,12 @@ def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats
 def prior_present(fused: Floats, predicted: Floats, sigma: float, edge: float = EDGE) -> Floats:
     """(N,) prior probability P_1 = w(n) that the object is present, in [edge, 1 - edge] ([Lee] Eqs. 4.23-4.24).
 
-    If either position is NaN, P_1 = 1/2.
+    It is the Gaussian weight of the distance between both positions; 1/2 if one of them is NaN.
 
     Args:
         fused: (N, 2) global position.
         predicted: (N, 2) predicted position.
-        sigma: spread of the position about the prediction [length], > 0.
+        sigma: standard deviation of detections from the prediction [length], > 0.
         edge: distance kept from 0 and 1, where P_1 / P_0 would be 0 or infinite.
     """
     weight = np.exp(-_exponent(fused, predicted, sigma))
@@ -131,20 +138,20 @@ def decision_value(
     base: float = math.e,
     edge: float = EDGE,
 ) -> Floats:
-    """(N,) log-likelihood ratio; above 0 the object is declared ([Lee] Eq. 4.13).
+    """(N,) log odds that an object is present, by qualities of detections; above 0 it is declared ([Lee] Eq. 4.13).
 
     A detection contributes log (1 - P_M)/P_F, the correct form of Eq. 4.11, where the thesis prints (1 - P_F)/P_F.
     Probabilities are clipped to [edge, 1 - edge], so that terms are finite. Without cameras the prior decides.
 
     Args:
-        detected: (N, J) the camera detected an object.
-        qualities: (N, J) W; not used (may be NaN) where nothing was detected.
-        prior: P_1, one number or (N,).
-        p_miss: P_M, one number or (J,) or (N, J).
-        p_false: P_F, likewise.
-        observing: (N, J) false = the camera has no part in it.  None: all observed.
-        base: of the logarithm; 10 for the values of the case studies.
-        edge: distance kept from 0 and 1.
+        detected: (N, J) mask of detections.
+        qualities: (N, J) quality W of each detection; ignored where nothing was detected.
+        prior: P_1, probability that an object is present, one number or (N,).
+        p_miss: P_M, probability of a missed detection, one number, (J,) or (N, J).
+        p_false: P_F, probability of a false alarm, one number, (J,) or (N, J).
+        observing: (N, J) mask of cameras that count; None: all.
+        base: base of the logarithm; 10 for the values of the thesis' case studies.
+        edge: distance of probabilities from 0 and 1.
     """
     weight = _log_odds(np.where(detected, qualities, 0.5), edge)
     return weighted_value(detected, weight, prior, p_miss, p_false, observing=observing, edge=edge) / math.log(base)
@@ -200,16 +207,16 @@ def fuse(
     with equal priors.
 
     Args:
-        positions: (N, J, 2) ground positions of the local detections, NaN where missed.
-        predicted: (N, 2) predicted position, NaN where not known.
-        sigma: spread of the position about the prediction [length], > 0.
-        p_miss: P_M, one number or (J,) or (N, J).
-        p_false: P_F, likewise.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
+        predicted: (N, 2) predicted ground positions; NaN: unknown.
+        sigma: standard deviation of detections from the prediction [length], > 0.
+        p_miss: P_M, probability of a missed detection, one number, (J,) or (N, J).
+        p_false: P_F, probability of a false alarm, one number, (J,) or (N, J).
         gate: a detection farther than this from the global position of a declared object is removed [length].
-        observing: (N, J) false = the camera has no part in it, its positions neither.  None: all observed.
-        reach: a detection farther than this from the predicted position counts as missed in the decision and in
-            the global position [length].  Infinite as in the thesis, where one far detection can outvote many
-            good ones, because its log W/(1 - W) has no lower bound.
+        observing: (N, J) mask of cameras that count; detections of others are ignored. None: all.
+        reach: a detection farther than this from the predicted position counts as missed in the decision and in the
+            global position [length]. Infinite as in the thesis, where one far detection can outvote many good ones,
+            because its log W/(1 - W) has no lower bound.
     """
     took_part = np.ones(positions.shape[:2], dtype=np.bool_) if observing is None else observing
     local = np.where(took_part[..., None], positions, np.nan)
@@ -280,7 +287,7 @@ class LocalDirections(NamedTuple):
     sigma_distance: Floats  # (R,)
 
     def take(self, rows: Ints | Bools) -> LocalDirections:
-        """Select directions by a mask or indices."""
+        """The directions of a mask or of indices."""
         return LocalDirections(
             sensor=self.sensor[rows],
             origin=self.origin[rows],

@@ -36,7 +36,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
 
     Args:
         chunks: directions in the order of time; their identities are not used.
-        scene: has the arrays, two or more.
+        scene: scene with two or more microphone arrays.
         config: settings.
 
     Raises:

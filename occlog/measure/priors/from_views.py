@@ -67,7 +67,7 @@ def hull_priors(
 
     Args:
         views: clusters in the order of time.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: settings.
         frames: bearings made along with the views: their rows state which cameras delivered a frame, also one without a
             cluster; None: such a frame counts as missing.
@@ -157,7 +157,7 @@ def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Sc
     Args:
         views: clusters in frames, in the order of time.
         frames: bearings, of which only time and camera are used: there was a frame; None: not given.
-        scene: has the cameras.
+        scene: scene with the cameras.
     """
     streams = [_split(views, scene)]
     if frames is not None:

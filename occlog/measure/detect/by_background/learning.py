@@ -105,7 +105,7 @@ def learn(
 
     Args:
         frames: frames of all cameras, in the order of time.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: settings of the detection.
         boxes: boxes around targets; each target's appearances are in the order of its boxes.
         workers: number of threads.
@@ -130,7 +130,7 @@ def learn_from(
 
     Args:
         samples: frames by camera, of `sample_frames`.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: settings of the detection.
         boxes: boxes around targets.
         workers: number of threads.

@@ -72,7 +72,7 @@ def detect(
 
     Args:
         frames: frames in the order of time; each camera's also in the order of its index.
-        scene: has the cameras.
+        scene: scene with the cameras.
         config: settings; None: the defaults.
         workers: number of threads.
         learned: images of the empty scene and sizes of people; None: learned on the way.
