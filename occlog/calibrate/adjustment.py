@@ -117,8 +117,11 @@ class Clocks(NamedTuple):
 class BodyPrior(NamedTuple):
     """Prior of body sizes, in scene units.
 
-    Mean height and width of people with their standard deviations among people, standard deviation of the mean
-    height, and length of a metre in scene units.
+    Attributes:
+        height, width: mean height and width of people.
+        sigma_height, sigma_width: their standard deviations among people.
+        sigma_mean: standard deviation of the mean height.
+        metre: length of a metre in scene units.
     """
 
     height: float
@@ -228,10 +231,10 @@ class Adjustment:
         self.biases = self._bias_slopes()
 
     def _bias_slopes(self) -> Floats:
-        """(N, 4, 7) derivatives of the box edges by seven biases, at the start values.
+        """(N, 4, 7) derivatives of the box edges left, top, right, bottom [px] by seven biases, at the start values.
 
-        The biases are the camera's own of the upper and of the lower edges, then those common to all cameras,
-        without the mean height (`COMMON`).
+        The biases are the camera's own of the upper and of the lower edges, then those common to all cameras: of upper
+        and lower edges, the change of both with steepness, and the height of the widest part.
         """
         seen, height = self.seen, self.body.height
         out, box = np.zeros((len(seen.camera), 4, COMMON + 1)), np.zeros((len(seen.camera), 4))
@@ -329,9 +332,10 @@ class Adjustment:
         return float(0.5 * ((tall**2).sum() + (wide**2).sum() + (speed**2).sum()))
 
     def _camera_slopes(self, equations: _Equations) -> Floats:
-        """(N, 4, 17) derivatives of the expected boxes by the camera's 12 parameters and the 5 common biases.
+        """(N, 4, 17) derivatives of the box edges left, top, right, bottom [px] by 12 parameters and 5 common biases.
 
-        By central differences for pose and lens; 0 for parameters that are fixed in all cameras.
+        The parameters are those of the box's camera. By central differences for pose and lens; 0 for parameters that
+        are fixed in all cameras.
         """
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)

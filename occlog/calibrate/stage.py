@@ -108,7 +108,7 @@ class CameraResult(NamedTuple):
 
     @property
     def is_late(self) -> bool:
-        """Whether the clock offset is significant and large enough to matter."""
+        """Whether the clock's offset is above 3 standard deviations and `MIN_LATE_S`, or its drift is significant."""
         return self.estimated and (
             abs(self.late_s) > max(3.0 * float(self.sigma[LATE]), MIN_LATE_S) or self.is_drifting
         )

@@ -81,8 +81,8 @@ class ExperimentPage(NamedTuple):
     chart: Chart
     size: str
     verdicts: list[dict[str, object]]
-    table: list[list[str]]  # first row: heads
-    plans: Mapping[str, PlanFigure | Shots] = {}  # floor plans and frames by name
+    table: list[list[str]]
+    plans: Mapping[str, PlanFigure | Shots] = {}
 
 
 def draw(chart: Chart) -> Figure:
@@ -197,7 +197,7 @@ def build_verdicts(papers: Mapping[str, Paper], totals: Mapping[str, Mapping[str
 
 
 def _svg(chart: Chart) -> str:
-    """A chart as SVG for a page, with a text in place of the image."""
+    """A chart as SVG for a page, with an alternative text."""
     words = f"{chart.y_label} against {chart.x_label}: {', '.join(c.name for c in chart.curves)}"
     return page_svg(raw_svg(draw(chart)), chart.item, chart.title, words)
 
@@ -217,7 +217,7 @@ def _picture(item: str, name: str, picture: PlanFigure | Shots) -> str:
 
 
 def _plan_svg(item: str, name: str, plan: PlanFigure) -> str:
-    """A floor plan as SVG for a page; `item` and `name`, of the experiment and of the picture, give its id."""
+    """A floor plan as SVG for a page; `item`, of the experiment, and `name`, of the picture, give its id."""
     words = "; ".join(f"{p.title}: true path, {', '.join(e.name for e in p.estimates)}" for p in plan.panels)
     return page_svg(raw_svg(draw_plan(plan)), f"{item}-{name}", plan.title, words)
 

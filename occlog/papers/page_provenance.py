@@ -29,7 +29,7 @@ class PageProvenance(NamedTuple):
     command: str
     seed: int
     version: str
-    commit: str | None  # None where the program does not know it
+    commit: str | None
 
     def as_dict(self) -> dict[str, object]:
         """Fields by name as plain values for JSON."""

@@ -40,8 +40,8 @@ class PlanPanel(NamedTuple):
     """
 
     title: str
-    truth: Floats  # (T, 2)
-    seen: Bools  # (T,) true: a camera saw the target, and estimates have a dot
+    truth: Floats
+    seen: Bools
     estimates: tuple[EstimatedPath, ...]
 
 
@@ -138,8 +138,8 @@ class Mark(NamedTuple):
     """
 
     target: int
-    ellipse: Floats  # (5,) centre [px], half axes [px], angle of the first axis [rad]
-    good: bool  # true: the tracker is on its own target
+    ellipse: Floats
+    good: bool
 
 
 class EpipolarLine(NamedTuple):
@@ -151,7 +151,7 @@ class EpipolarLine(NamedTuple):
     """
 
     target: int
-    line: Floats  # (3,) points (x, y) with line . (x, y, 1) = 0
+    line: Floats
 
 
 class FigureImage(NamedTuple):
@@ -166,9 +166,9 @@ class FigureImage(NamedTuple):
     """
 
     title: str
-    image: NDArray[np.uint8]  # (H, W, 3) BGR
+    image: NDArray[np.uint8]
     marks: tuple[Mark, ...]
-    links: tuple[tuple[Floats, Floats], ...]  # centres of trackers that touch
+    links: tuple[tuple[Floats, Floats], ...]
     lines: tuple[EpipolarLine, ...]
 
 
@@ -183,8 +183,8 @@ class Shots(NamedTuple):
 
     title: str
     caption: str
-    rows: tuple[str, ...]  # names of the rows
-    shots: tuple[tuple[FigureImage, ...], ...]  # by row
+    rows: tuple[str, ...]
+    shots: tuple[tuple[FigureImage, ...], ...]
 
 
 SHOT_WIDTH = 2.3

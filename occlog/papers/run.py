@@ -67,7 +67,7 @@ class ReproduceRequest:
         as_json: whether one JSON object is printed in place of text.
     """
 
-    paper: str | None  # None: all papers
+    paper: str | None
     items: Sequence[str]
     everything: bool
     quick: bool

@@ -87,11 +87,11 @@ class PaperRow:
     """
 
     series: str
-    x: float  # NaN: a line across the figure
+    x: float
     values: tuple[float, ...]
     extra: dict[str, float] = field(default_factory=dict)
-    plotted: bool = True  # false: in the table only
-    each: dict[str, tuple[float, ...]] = field(default_factory=dict)  # further figures of every run
+    plotted: bool = True
+    each: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def runs(self) -> int:
@@ -139,13 +139,13 @@ class StatementVerdict:
     statement: str
     paper: float | None
     measured: float | None
-    error_bar: float | None  # standard error of `measured`
+    error_bar: float | None
     runs: int
-    verdict: str  # one of `occlog.papers.verdicts.WORDS`
-    rule: str  # how the verdict was reached
-    place: str = ""  # figure, table, equation or section of the paper
-    page: int | None = None  # of the paper, where its text has page numbers
-    words: str = ""  # the statement as the paper has it; empty: its text does not state it
+    verdict: str
+    rule: str
+    place: str = ""
+    page: int | None = None
+    words: str = ""
 
     def as_dict(self) -> dict[str, object]:
         """Fields by name as plain values for JSON; NaN and infinities become None."""
@@ -174,14 +174,14 @@ class Experiment:
     title: str
     x_label: str
     y_label: str
-    runs: int  # in the paper
-    steps: int  # of a run, in the paper
-    quick: tuple[int, int]  # runs and steps of the small form
+    runs: int
+    steps: int
+    quick: tuple[int, int]
     compute: Callable[[Size, Execute], Table]
     judge: Callable[[Table], list[StatementVerdict]]
     note: str = ""
-    trial: Callable[[Spec], dict[str, float]] = run_trial  # runs one of the trials of `compute`
-    plans: Mapping[str, Callable[[Size], PlanFigure | Shots]] = field(default_factory=dict)  # further pictures by name
+    trial: Callable[[Spec], dict[str, float]] = run_trial
+    plans: Mapping[str, Callable[[Size], PlanFigure | Shots]] = field(default_factory=dict)
 
 
 def deviation(values: Sequence[float]) -> float:
@@ -208,8 +208,8 @@ class Measure(NamedTuple):
     """
 
     value: float
-    error: float  # standard error; 0: computed exactly, NaN: not known
-    runs: int  # independent samples that the error is from
+    error: float
+    runs: int
     low: float
     high: float
 
@@ -348,9 +348,9 @@ class PaperSource(NamedTuple):
         page: page of the figure, or where the section begins; only the text of [Lee] has page numbers.
     """
 
-    place: str  # figure, table, equation or section
-    words: str = ""  # of the paper; empty: its text does not make the statement, or only prints a number
-    page: int | None = None  # of the figure, or where the section begins; only the text of [Lee] has page numbers
+    place: str
+    words: str = ""
+    page: int | None = None
 
 
 OWN = PaperSource("of this project")
@@ -446,7 +446,7 @@ class StatementPoint(NamedTuple):
 
     measure: Measure
     good: Interval
-    none: float = 0.0  # a difference up to this is none; 0: every difference counts
+    none: float = 0.0
 
     def stands(self) -> bool | None:
         """True where the statement holds, false where it fails, and None where that is open."""

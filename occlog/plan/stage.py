@@ -44,21 +44,30 @@ MAX_WALK_STEPS = 5_000_000
 
 
 class PreparedPlan(NamedTuple):
-    """A scene prepared for planning: C floor cells with weights, simulated walks, and the information of each sensor.
+    """A scene prepared for planning: C floor cells, walks through them, and the information of each sensor.
 
-    Visits of people to cells and paths of N targets in T steps from these; `chance` (2, N, T) are the standard
-    normal numbers of all measurement noise; `start` is mean and covariance of a position in the room; `motion` the
-    walk's fitted parameters.
+    Attributes:
+        scene: scene with room and sensors.
+        cells: floor cells.
+        weight: (C,) weight of each cell; their sum is 1.
+        visits: visits of people to cells.
+        walked: paths of N targets in T steps through the cells, and all people.
+        information: expected information of the sensors along the paths, by name.
+        chance: (2, N, T) standard normal numbers of all measurement noise.
+        start: mean (2,) and covariance (2, 2) of a position in the room.
+        motion: fitted parameters of the walks.
+        config: settings.
+        seed: seed of all random numbers.
     """
 
     scene: Scene
     cells: FloorCells
-    weight: Floats  # (C,) sums to 1
+    weight: Floats
     visits: Visits
     walked: Walked
-    information: dict[str, ExpectedInformation]  # by sensor
-    chance: Floats  # (2, N, T) standard normals, of which the errors of all that is reported are made
-    start: tuple[Floats, Floats]  # (2,) mean and (2, 2) covariance of a position in the room
+    information: dict[str, ExpectedInformation]
+    chance: Floats
+    start: tuple[Floats, Floats]
     motion: Motion
     config: PlanConfig
     seed: int

@@ -44,15 +44,19 @@ FINE = 2000
 class Walked(NamedTuple):
     """N targets on their paths of T steps, and all n people at the same times (the targets among them).
 
-    Positions of targets (N, T, 2) and of all people in K steps (K, n, 2); for each target the step at which its
-    path begins and its index among the people, -1 for none; time between steps [s].
+    Attributes:
+        ways: (N, T, 2) positions of the targets.
+        people: (K, n, 2) positions of all people in K steps.
+        first: (N,) step among the K at which a target's path begins.
+        own: (N,) index of the target among the people; -1: none of them.
+        dt: time between steps [s].
     """
 
-    ways: Floats  # (N, T, 2)
-    people: Floats  # (K, n, 2) the walk of all
-    first: Ints  # (N,) step of that walk at which each way begins
-    own: Ints  # (N,) which of the people the target is; -1: none of them
-    dt: float  # between two steps [s]
+    ways: Floats
+    people: Floats
+    first: Ints
+    own: Ints
+    dt: float
 
 
 class Visits(NamedTuple):

@@ -233,10 +233,15 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
 
 
 class _Fit(NamedTuple):
-    """Result of a fit of intrinsics.
+    """Result of a fit of a camera's intrinsics to V views of a board.
 
-    Camera matrix (3, 3), distortion (5,), standard deviations of the intrinsics, root mean square residual of all
-    views and of each [px], and largest angle of a board to their mean [deg].
+    Attributes:
+        matrix: (3, 3) camera matrix.
+        distortion: (5,) distortion coefficients of OpenCV.
+        sigma: standard deviations of the intrinsics: fx, fy, cx, cy [px], then distortion coefficients.
+        rms: root mean square residual of all views [px].
+        per_view: (V,) root mean square residual of each view [px].
+        tilt_deg: largest angle of a board to their mean [deg].
     """
 
     matrix: Floats

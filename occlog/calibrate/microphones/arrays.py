@@ -402,18 +402,24 @@ def _votes(at: Complexes, places: Complexes, azimuth: Floats) -> Floats:
 
 
 class _Terms(NamedTuple):
-    """Residuals of K directions to P people [rad], and derivatives by the parameters.
+    """Residuals of K directions to P people, and their derivatives by five parameters.
 
-    Azimuth (P, K); elevation (P, K), NaN where not measured; derivatives of both (P, K, 5) by x, y, yaw, clock offset,
-    height above mouths; standard deviation that the mouth adds (P, K) [rad]; mask of people who are present (P, K).
+    The parameters are x, y, correction of the yaw, delay of the clock, height above mouths.
+
+    Attributes:
+        azimuth: (P, K) residuals of azimuths [rad].
+        elevation: (P, K) residuals of elevations [rad]; NaN: not measured.
+        slope, slope_up: (P, K, 5) derivatives of azimuths and of elevations.
+        spread: (P, K) standard deviation that the position of the mouth adds [rad].
+        there: (P, K) mask of people who are present at the time of the direction.
     """
 
-    azimuth: Floats  # (P, K) [rad]
-    elevation: Floats  # (P, K) [rad]; NaN: not measured
-    slope: Floats  # (P, K, 5) of azimuths
-    slope_up: Floats  # (P, K, 5) of elevations
-    spread: Floats  # (P, K) standard deviation that the mouth adds [rad]
-    there: Bools  # (P, K)
+    azimuth: Floats
+    elevation: Floats
+    slope: Floats
+    slope_up: Floats
+    spread: Floats
+    there: Bools
 
 
 def _terms(problem: _Problem, values: Floats) -> _Terms:
@@ -457,17 +463,20 @@ class _Normal(NamedTuple):
 
 
 class _Weighed(NamedTuple):
-    """Probabilities (P, K) that each of K directions is of each of P people, and what follows from them.
+    """Association of K directions with P people, at given parameters.
 
-    Variances of azimuths and elevations (P, K) [rad^2]; log-likelihood ratio to all directions being of other sources;
-    share of directions of no person.
+    Attributes:
+        of_person: (P, K) probability that a direction is of a person.
+        variance, variance_up: (P, K) variances of azimuths and of elevations [rad^2].
+        gain: log-likelihood ratio to all directions being of other sources.
+        chance: share of directions of no person.
     """
 
-    of_person: Floats  # (P, K)
-    variance: Floats  # (P, K) of azimuths
-    variance_up: Floats  # (P, K) of elevations
+    of_person: Floats
+    variance: Floats
+    variance_up: Floats
     gain: float
-    chance: float  # share of directions of no person
+    chance: float
 
 
 def _weighed(problem: _Problem, terms: _Terms, scale: float, chance: float) -> _Weighed:

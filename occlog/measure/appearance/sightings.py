@@ -195,21 +195,26 @@ VIEWS_LEVELS = 8
 
 
 class FrameBoxes(NamedTuple):
-    """The n boxes of one frame: time [ns], camera, frame number, and arrays of the boxes.
+    """The n boxes of one frame.
 
-    `box` (n,) are their numbers; `identity` (n,) is -1 (`NO_ID`) for none; `edges` (n, 4) are left, top, right,
-    bottom [px]; `density` (n, m) normalised colour histograms, or (n, 0) if they are to be taken from the image;
-    `pixels` (n,) the numbers of pixels in them.
+    Attributes:
+        t_ns: time [ns].
+        sensor, frame: name of the camera, and number of the frame.
+        box: (n,) numbers of the boxes.
+        identity: (n,) identity that the source states; -1 (`NO_ID`): none.
+        edges: (n, 4) left, top, right, bottom [px].
+        density: (n, m) normalised colour histograms; (n, 0) if they are to be taken from the image.
+        pixels: (n,) numbers of pixels in the histograms.
     """
 
     t_ns: int
     sensor: str
     frame: int
-    box: Ints32  # (n,)
-    identity: Ints32  # (n,) as the source states; NO_ID: none
-    edges: Floats  # (n, 4) left, top, right, bottom [px]
-    density: Floats  # (n, m) colours, where the table has them; (n, 0): the image is requested
-    pixels: Ints  # (n,) that made them
+    box: Ints32
+    identity: Ints32
+    edges: Floats
+    density: Floats
+    pixels: Ints
 
 
 class Sighting(NamedTuple):

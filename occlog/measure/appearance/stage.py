@@ -76,14 +76,18 @@ def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[in
 class GalleryArrays(NamedTuple):
     """Appearance gallery as arrays, for R targets, N viewing angles and m colour bins.
 
-    Sorted identities (R,); normalised histograms (R, N, m); numbers of pixels in them (R, N); mask (R, N) of learned
-    viewing angles; colour levels L, with m = L (L + 1).
+    Attributes:
+        target: (R,) identities, rising.
+        density: (R, N, m) normalised histograms.
+        pixels: (R, N) numbers of pixels in them.
+        there: (R, N) mask of learned viewing angles.
+        levels: number L of colour levels, with m = L (L + 1).
     """
 
-    target: Ints32  # (R,) rising
-    density: Floats  # (R, N, m)
-    pixels: Ints  # (R, N)
-    there: Bools  # (R, N)
+    target: Ints32
+    density: Floats
+    pixels: Ints
+    there: Bools
     levels: int
 
 
@@ -171,15 +175,19 @@ T = TypeVar("T", bound=Tracks)
 
 
 class IdentityEvidence(NamedTuple):
-    """Similarity sums over the boxes of K tracks compared with R targets of a gallery.
+    """Similarity of the boxes of K tracks to R targets of a gallery, summed over boxes.
 
-    `similarities` (K, R) sums Bhattacharyya coefficients without their bias over `boxes` (K, R) boxes.
+    Attributes:
+        track: (K,) identities of the tracks, rising.
+        target: (R,) identities of the targets, rising.
+        similarities: (K, R) sums of Bhattacharyya coefficients, corrected for their bias.
+        boxes: (K, R) numbers of boxes that were compared.
     """
 
-    track: Ints32  # (K,) rising
-    target: Ints32  # (R,) rising
-    similarities: Floats  # (K, R) sum of coefficients without their bias
-    boxes: Ints  # (K, R)
+    track: Ints32
+    target: Ints32
+    similarities: Floats
+    boxes: Ints
 
 
 class EvidenceTally:

@@ -30,17 +30,21 @@ SIZE_STEPS = 3  # of the fixed point for the size of a person
 
 @dataclass(frozen=True, eq=False)
 class SizeMap:
-    """Expected size in the image of a person centred in each cell of a regular grid over the image, row by row.
+    """Expected size in the image of a person centred in each of n cells of a regular grid over the image, row by row.
 
-    For each cell: covariance xx, xy, yy of the person's pixels [px^2], number of foreground pixels in full view, and
-    standard deviation of the log of the size.
+    Attributes:
+        image_size: width and height of the image [px].
+        shape: rows and columns of the grid; n is their product.
+        cov: (n, 3) covariance xx, xy, yy of the person's pixels [px^2].
+        mass: (n,) number of foreground pixels of a person in full view.
+        spread: (n,) standard deviation of the logarithm of the size.
     """
 
-    image_size: tuple[int, int]  # width, height [px]
-    shape: tuple[int, int]  # rows, columns of the grid
-    cov: Floats  # (cells, 3) xx, xy, yy of the pixels of a person [px^2]
-    mass: Floats  # (cells,) foreground pixels of a person in full view
-    spread: Floats  # (cells,) standard deviation of the logarithm of the size
+    image_size: tuple[int, int]
+    shape: tuple[int, int]
+    cov: Floats
+    mass: Floats
+    spread: Floats
 
     @property
     def width_px(self) -> float:
@@ -193,22 +197,27 @@ def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
 class Prior(NamedTuple):
     """Size map of people for the images of one camera, with the weights of the clustering, for compiled functions.
 
-    Grid of `rows` x `columns` cells over an image of `width` x `height` pixels. For each cell: covariance xx, xy,
-    yy of a person's pixels [px^2], foreground pixels in full view, and the largest |log| of a size relative to the
-    map. Scalars are in units of a person's pixels: weight nu_k of the size, cost of a cluster in J, and the
-    smallest cluster that is kept.
+    Attributes:
+        cov: (n, 3) for each of n grid cells: covariance xx, xy, yy of a person's pixels [px^2].
+        mass: (n,) foreground pixels of a person in full view.
+        log_range: (n,) largest absolute logarithm of a size relative to the map.
+        rows, columns: size of the grid; its cells are in row order.
+        width, height: size of the image [px].
+        strength: weight of the expected size against the pixels, in units of a person's pixels.
+        penalty: cost of a cluster in the log posterior, in units of a person's pixels.
+        least: smallest cluster that is kept, in units of a person's pixels.
     """
 
-    cov: Floats  # (grid cells, 3) covariance xx, xy, yy of a person's pixels [px^2]
-    mass: Floats  # (grid cells,) foreground pixels of a person in full view
-    log_range: Floats  # (grid cells,) largest logarithm of a size relative to the map
+    cov: Floats
+    mass: Floats
+    log_range: Floats
     rows: int
     columns: int
-    width: int  # of the image [px]
+    width: int
     height: int
-    strength: float  # nu_k in persons' pixels
-    penalty: float  # cost of a cluster in J, in persons' pixels
-    least: float  # smallest cluster that is kept, in persons' pixels
+    strength: float
+    penalty: float
+    least: float
 
 
 def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) -> Prior:

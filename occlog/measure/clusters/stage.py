@@ -32,18 +32,23 @@ SEED_REACH2 = 4.0  # squared Mahalanobis distance of the pixels that a seed take
 
 
 class Clusters(NamedTuple):
-    """K clusters of foreground pixels of one frame, sorted by decreasing mass.
+    """K clusters of the foreground pixels of one frame, which are in N cells, by decreasing number of pixels.
 
-    Means (K, 2) [px]; covariances xx, xy, yy (K, 3) [px^2]; pixels (K,); pixels relative to a person in full view there
-    (K,); covariance of such a person's pixels (K, 3); cluster of each of N cells, -1 for none.
+    Attributes:
+        means: (K, 2) mean x, y [px].
+        covs: (K, 3) covariance xx, xy, yy of the pixels [px^2].
+        mass: (K,) number of pixels.
+        fill: (K,) number of pixels relative to a person in full view at this position.
+        person: (K, 3) covariance of a person's pixels at this position [px^2].
+        labels: (N,) cluster of each cell; -1: none.
     """
 
-    means: Floats  # (K, 2) [px]
-    covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
-    mass: Floats  # (K,) pixels
-    fill: Floats  # (K,) mass relative to a person in full view at this position
-    person: Floats  # (K, 3) covariance of a person's pixels at this position [px^2]
-    labels: Ints  # (N,) cluster of each cell, -1 = none
+    means: Floats
+    covs: Floats
+    mass: Floats
+    fill: Floats
+    person: Floats
+    labels: Ints
 
 
 def cell_side(sizes: SizeMap) -> int:

@@ -42,7 +42,14 @@ class Work:
 
 @dataclass(frozen=True)
 class PersonDetector:
-    """Occlog's person network, with an optional re-identification network, settings and number of threads."""
+    """Detection by occlog's person network.
+
+    Attributes:
+        network: person network.
+        embedder: re-identification network; None: none.
+        config: settings.
+        threads: number of threads.
+    """
 
     network: NetworkDetector
     embedder: Embedder | None

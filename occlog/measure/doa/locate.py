@@ -170,15 +170,21 @@ class DirectionGrid(NamedTuple):
 
 
 class Locator(NamedTuple):
-    """What locating directions with one array needs, constant over frames.
+    """What the estimation of directions with one array of M microphones needs, constant over frames.
 
-    Algorithm of pyroomacoustics; M microphones' positions (M, 3) about their mean; unit normal (3,) of a flat
-    array, None for others; frequency band; grid of directions; speed of sound [length/s]; settings.
+    Attributes:
+        engine: algorithm of pyroomacoustics.
+        microphones: (M, 3) positions of the microphones about their mean.
+        normal: (3,) unit normal of a flat array; None: the array is not flat.
+        band: frequencies that are used.
+        grid: candidate directions.
+        speed: speed of sound [length/s].
+        config: settings.
     """
 
-    engine: Any  # of pyroomacoustics
-    microphones: Floats  # (M, 3)
-    normal: Floats | None  # (3,) of a flat array
+    engine: Any
+    microphones: Floats
+    normal: Floats | None
     band: Band
     grid: DirectionGrid
     speed: float

@@ -40,15 +40,20 @@ Pairs = tuple[tuple[str | None, T], ...]
 class _Plan(NamedTuple):
     """Parsed inputs and settings of a request.
 
-    Files of sounds and of arrays with the names of arrays (None: not named); channels from 0 (empty: all); texts of the
-    start times by array; settings.
+    Attributes:
+        scene: file of the scene; None: not given.
+        sounds: pairs of the name of an array (None: not named) and a sound file.
+        arrays: pairs of the name of an array (None: not named) and a file of positions of microphones.
+        channels: channels that are used, from 0; empty: all.
+        start_time: pairs of the name of an array (None: all) and the text of the time of its first sample.
+        config: settings.
     """
 
     scene: Path | None
-    sounds: Pairs[Path]  # (array or None, path)
-    arrays: Pairs[Path]  # (name or None, path)
-    channels: tuple[int, ...]  # from 0; empty: all
-    start_time: Pairs[str]  # (array or None, text)
+    sounds: Pairs[Path]
+    arrays: Pairs[Path]
+    channels: tuple[int, ...]
+    start_time: Pairs[str]
     config: DoaConfig
 
 

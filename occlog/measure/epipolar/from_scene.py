@@ -46,19 +46,23 @@ AFFINE_DRAWS = 500
 
 
 class FundamentalFit(NamedTuple):
-    """A fundamental matrix (3, 3) from view a to view b (b' F a = 0), estimated from N matches.
+    """A fundamental matrix estimated from N matches of views a and b.
 
-    Mask (N,) of inliers; standard deviation of a coordinate of them [px]; expected error of the epipolar lines
-    [px]; RMS parallax of the inliers relative to a plane [px]; whether the affine model (parallel rays) was
-    sufficient.
+    Attributes:
+        matrix: (3, 3) matrix F with b' F a = 0 for homogeneous points a, b [px].
+        inliers: (N,) mask of the matches that it rests on.
+        noise_px: standard deviation of a coordinate of the inliers [px].
+        error_px: expected error of its epipolar lines [px].
+        parallax_px: RMS parallax of the inliers relative to a plane [px].
+        affine: whether the affine model (parallel rays) was sufficient.
     """
 
-    matrix: Floats  # (3, 3)
-    inliers: Bools  # (N,) the matches it rests on
-    noise_px: float  # standard deviation of a coordinate of these
+    matrix: Floats
+    inliers: Bools
+    noise_px: float
     error_px: float  # expected error of its lines, see `occlog.measure.epipolar.fit.fit_perspective`
-    parallax_px: float  # how far they are from those of a plane
-    affine: bool  # whether parallel rays were enough
+    parallax_px: float
+    affine: bool
 
 
 def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:

@@ -26,19 +26,25 @@ from .geometry import bends
 
 
 class PairCheck(NamedTuple):
-    """Agreement of the matches of views a and b with a fundamental matrix; distances are from epipolar lines.
+    """Agreement of the matches of two views with a fundamental matrix; distances are from epipolar lines.
 
-    Number of matches; median distance, and that of the 95th percentile [px]; share of matches with both distances
-    within the tolerance; `chance`, that share for wrong pairings; whether the matrix fits.
+    Attributes:
+        a, b: names of the views.
+        matches: number of matches.
+        median_px: median distance [px].
+        most_px: distance that 95 % of the matches do not exceed [px].
+        share: share of the matches with both distances within the tolerance.
+        chance: this share for wrong pairings.
+        fits: whether the matrix fits.
     """
 
     a: str
     b: str
     matches: int
     median_px: float
-    most_px: float  # at most this of 95 % of the matches
-    share: float  # of the matches with both distances within the tolerance
-    chance: float  # the same of wrong pairings
+    most_px: float
+    share: float
+    chance: float
     fits: bool
 
 

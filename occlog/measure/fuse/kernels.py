@@ -52,12 +52,12 @@ class FusionDecisions(NamedTuple):
         cause: (N, J) index into `CAUSES`.
     """
 
-    declared: Bools  # (N,) an object is there (G_1)
-    value: Floats  # (N,) decision value, natural log
-    xy: Floats  # (N, 2) global position; NaN where no detection was used
-    prior: Floats  # (N,) P_1
-    quality: Floats  # (N, J) W of each detection; NaN if missing
-    cause: Codes  # (N, J) see CAUSES
+    declared: Bools
+    value: Floats
+    xy: Floats
+    prior: Floats
+    quality: Floats
+    cause: Codes
 
     @property
     def kept(self) -> Bools:
@@ -275,16 +275,19 @@ NEAREST = 1e-6
 class LocalDirections(NamedTuple):
     """R local detections as lines of sight on the ground, some with the distance of the object.
 
-    Fields, all (R,) but `origin` (R, 2): index of the sensor, its ground position, azimuth in the world and its
-    standard deviation [rad], distance along the ground and its standard deviation [length], NaN where unknown.
+    Attributes:
+        sensor: (R,) index of the sensor.
+        origin: (R, 2) its ground position.
+        azimuth, sigma: (R,) azimuth in the world and its standard deviation, above 0 [rad].
+        distance, sigma_distance: (R,) distance along the ground and its standard deviation [length]; NaN: unknown.
     """
 
-    sensor: Ints  # (R,) which sensor
-    origin: Floats  # (R, 2)
-    azimuth: Floats  # (R,) [rad]
-    sigma: Floats  # (R,) [rad], > 0
-    distance: Floats  # (R,) along the ground; NaN: not known
-    sigma_distance: Floats  # (R,)
+    sensor: Ints
+    origin: Floats
+    azimuth: Floats
+    sigma: Floats
+    distance: Floats
+    sigma_distance: Floats
 
     def take(self, rows: Ints | Bools) -> LocalDirections:
         """The directions of a mask or of indices."""

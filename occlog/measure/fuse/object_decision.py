@@ -58,18 +58,22 @@ class ObjectMemory(NamedTuple):
 class Decision(NamedTuple):
     """Decision about one object at one time step, from R local detections.
 
-    Fields: whether the object is declared, log-likelihood ratio ([Lee] Eq. 4.13), global position (None without a
-    declared object, or where a lone line of sight gives none), mask (R,) of kept detections, indices of the cameras
-    that missed the object although they see its position, and the memory for the next time step.
+    Attributes:
+        declared: whether the object is declared present.
+        value: natural-log odds of its presence ([Lee] Eq. 4.13).
+        position: global position; None without a declared object, or where a lone line of sight gives none.
+        kept: (R,) mask of the detections that are kept.
+        missed: indices of the cameras with a frame that see the position and have no kept detection.
+        memory: memory of the object for the next time step.
     """
 
     declared: bool
-    value: float  # of Eq. 4.13, natural log
+    value: float
     position: (
         PositionWithCovariance | None
     )  # global position of a declared object; None: a lone line states no position
-    kept: Bools  # (R,) local detections that are kept
-    missed: Ints  # indices in `cameras` of those with a frame that see the position and have no kept detection
+    kept: Bools
+    missed: Ints
     memory: ObjectMemory
 
     @property
@@ -308,13 +312,15 @@ def _single_line_updates(
 class CandidateDecisions(NamedTuple):
     """Decisions about the unlabelled candidates of one time step.
 
-    Fields: memories of the objects that stay tracked; each decision with the rows of the candidates that it is about;
-    rows of the candidates that no decision keeps.
+    Attributes:
+        objects: memories of the objects that stay tracked.
+        decisions: pairs of a decision and the rows of the candidates that it is about.
+        unassigned: rows of the candidates that no decision keeps.
     """
 
-    objects: list[ObjectMemory]  # those that stay tracked
-    decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
-    unassigned: Ints  # rows of candidates of no declared object
+    objects: list[ObjectMemory]
+    decisions: list[tuple[Decision, Ints]]
+    unassigned: Ints
 
 
 def fuse_candidates(

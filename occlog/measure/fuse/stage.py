@@ -29,10 +29,18 @@ from .views import PlacedCameras, feet, placed_cameras
 
 
 class FusedPart(NamedTuple):
-    """Part of a recording after the fusion: views, bearings, losses and numbers of frames, and counts of decisions.
+    """Part of a recording after the fusion, with counts of decisions.
 
-    `counts` has the kept, recovered and removed detections of each camera, `targets` the kept and removed labelled
-    ones; `moments` counts time steps with a camera frame.
+    Attributes:
+        views, bearings: rows after the fusion.
+        losses: losses of the input.
+        frames, warmup: numbers of frames, and of those at the start of a background model.
+        counts: by camera, the numbers of detections kept, recovered and removed.
+        targets: by camera, the numbers of labelled detections kept and removed.
+        moments: number of time steps with a camera frame.
+        alone: number of those in which a single camera delivered a frame.
+        declared: number of declared objects, counted at each time step.
+        absent: number of objects with detections that were not declared, counted at each time step.
     """
 
     views: Views
@@ -40,12 +48,12 @@ class FusedPart(NamedTuple):
     losses: tuple[Loss, ...]
     frames: int
     warmup: int
-    counts: dict[str, dict[str, int]]  # by camera: detections kept, recovered, removed
-    targets: dict[str, tuple[int, ...]]  # by camera: detections with a label kept, removed
+    counts: dict[str, dict[str, int]]
+    targets: dict[str, tuple[int, ...]]
     moments: int
-    alone: int  # time steps in which a single camera delivered a frame
-    declared: int  # objects declared, one a time step and object
-    absent: int  # time steps and objects with detections that were not declared
+    alone: int
+    declared: int
+    absent: int
 
     @property
     def detections(self) -> Detections:
@@ -57,8 +65,13 @@ class FusedPart(NamedTuple):
 class _FusionState:
     """State of the fusion after previous time steps, updated in place.
 
-    Memories of labelled targets by identity and of tracked unlabelled objects; last frame number of each camera; counts
-    of time steps, of time steps with a single camera, and of decisions with and without a declared object.
+    Attributes:
+        targets: memories of labelled targets by identity.
+        objects: memories of tracked objects without a label.
+        frames: last frame number of each camera.
+        moments: number of time steps.
+        alone: number of time steps with a frame of a single camera.
+        declared, absent: numbers of decisions with a declared object, and with detections but without one.
     """
 
     targets: dict[int, ObjectMemory] = field(default_factory=dict)

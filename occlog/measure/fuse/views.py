@@ -27,18 +27,23 @@ DEFAULT_HALF_SIDE = 1e7
 class PlacedCameras:
     """C calibrated cameras of a scene, in its order, with what the fusion needs of them.
 
-    Fields: the cameras and their packed geometry; polygon (K, 2) of the region in which objects can be; for each
-    camera the distance of the farthest position in range [length], and the probabilities of a miss (P_M) and a
-    false alarm (P_F) of [Lee]; height of a person [length], None if unknown.
+    Attributes:
+        placed: the cameras.
+        sensors: their packed geometry.
+        region: (K, 2) polygon in which objects can be.
+        far: (C,) distance of the farthest position of the room in range [length].
+        p_miss: (C,) probability that a camera misses what it could see, [Lee] P_M.
+        p_false: (C,) probability that a camera reports a false object, [Lee] P_F.
+        person_height: height of a person [length]; None: unknown.
     """
 
     placed: tuple[Camera, ...]
     sensors: Sensors
-    region: Floats  # (K, 2) polygon in which objects can be
-    far: Floats  # (C,) distance of the farthest position of the room in range
-    p_miss: Floats  # (C,) probability that a camera misses what it could see, [Lee] P_M
-    p_false: Floats  # (C,) probability that a camera reports a false object, [Lee] P_F
-    person_height: float | None  # None: not known
+    region: Floats
+    far: Floats
+    p_miss: Floats
+    p_false: Floats
+    person_height: float | None
 
     @property
     def names(self) -> tuple[str, ...]:

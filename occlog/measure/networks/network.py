@@ -228,9 +228,9 @@ PIXELS: dict[str, tuple[bool, Floats32]] = {
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """Placement of an image of `width` x `height` pixels in the network's input, relative to corners.
+    """Placement of an image in the network's input, for coordinates relative to corners.
 
-    x_network = x_scale * x + left, and y likewise [px].
+    x_network = x_scale * x + left, y_network = y_scale * y + top [px]. `width`, `height`: size of the image [px].
     """
 
     x_scale: float

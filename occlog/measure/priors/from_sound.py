@@ -23,11 +23,17 @@ STEPS_PER_CHUNK = 256
 
 
 class _Sources(NamedTuple):
-    """N tracked sound sources: identities, times at which each was first and last heard [ns], and Kalman filters."""
+    """N tracked sound sources.
+
+    Attributes:
+        identity: (N,) identities.
+        first_ns, last_ns: (N,) times at which each was heard first and last [ns].
+        walkers: Kalman filters of their positions and velocities.
+    """
 
     identity: Ints
     first_ns: Ints
-    last_ns: Ints  # when each was heard last
+    last_ns: Ints
     walkers: Walkers
 
 

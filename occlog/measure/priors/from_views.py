@@ -38,19 +38,23 @@ STEPS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
-    """Priors of occluders for several time steps: polygons of the visual hull, and Gaussians with their moments.
+    """Priors of occluders for several time steps.
 
-    `candidates` counts the polygons before phantoms were removed.
+    Attributes:
+        hulls: polygons of the visual hull.
+        occluders: Gaussians with the polygons' means and covariances.
+        n_steps: number of time steps.
+        candidates: number of polygons before phantoms were removed.
     """
 
-    hulls: Hulls  # the polygons
-    occluders: Occluders  # Gaussians with their means and covariances
+    hulls: Hulls
+    occluders: Occluders
     n_steps: int
-    candidates: int  # polygons before phantoms were skipped
+    candidates: int
 
 
 class _Frame(NamedTuple):
-    """Rows of one camera at one time; empty: the camera detected no people."""
+    """Rows of one camera at one time: `views`, empty if it detected no people, time `t_ns` [ns] and name `sensor`."""
 
     t_ns: int
     sensor: str

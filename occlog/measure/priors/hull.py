@@ -140,15 +140,17 @@ class CameraCones(NamedTuple):
 
 
 class Polygon(NamedTuple):
-    """A polygon of the visual hull, with the foreground runs that it explains.
+    """A polygon of the visual hull, with the cones that contain it.
 
-    `runs` are sorted pairs (index of the camera, index of its cone) of cones that contain it; `missed` counts
-    cameras that can see it and have no foreground there.
+    Attributes:
+        shape: the polygon on the ground.
+        runs: sorted pairs (index of the camera, index of its cone) of cones that contain it.
+        missed: number of cameras that can see it and have no foreground there.
     """
 
     shape: shapely.Polygon
-    runs: tuple[Run, ...]  # with cones that contain it, rising
-    missed: int  # cameras that can see it and have no run there
+    runs: tuple[Run, ...]
+    missed: int
 
 
 class _Cell(NamedTuple):

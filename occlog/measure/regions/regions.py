@@ -163,18 +163,23 @@ CORE2 = 9.0  # squared Mahalanobis distance of the pixels that make a cluster's 
 class ForegroundRegions(NamedTuple):
     """K person-sized regions of one frame, by decreasing number of foreground pixels.
 
-    Means (K, 2) [px]; covariances xx, xy, yy (K, 3) [px^2]; boxes left, top, width, height (K, 4) [px]; pixels
-    (K,), and relative to a person in full view there (K,); covariance of such a person's pixels (K, 3); colour
-    histograms (K, 72).
+    Attributes:
+        means: (K, 2) mean x, y [px].
+        covs: (K, 3) covariance xx, xy, yy of the pixels [px^2].
+        boxes: (K, 4) left, top, width, height [px].
+        mass: (K,) number of foreground pixels.
+        fill: (K,) this number relative to a person in full view at the position.
+        person: (K, 3) covariance of a person's pixels at the position [px^2].
+        appearance: (K, 72) colour histograms; NaN where not measured.
     """
 
-    means: Floats  # (K, 2) [px]
-    covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
-    boxes: Floats  # (K, 4) left, top, width, height [px]
-    mass: Floats  # (K,) foreground pixels
-    fill: Floats  # (K,) mass relative to a person in full view at the position
-    person: Floats  # (K, 3) covariance of a person's pixels at the position [px^2]
-    appearance: Floats  # (K, 72) histograms, NaN where not measured
+    means: Floats
+    covs: Floats
+    boxes: Floats
+    mass: Floats
+    fill: Floats
+    person: Floats
+    appearance: Floats
 
 
 def cluster_regions(

@@ -109,7 +109,10 @@ STATEMENTS: Mapping[str, LeeStatement] = {
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Table of the quantity of every statement, one row each, numbered by x from 1."""
+    """Table of one quantity for each statement on the printed equations, a row each, with x as its number from 1.
+
+    The quantity is a deviation, a share or a ratio; nothing is run.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 1)))
     found = {
         **_turns(),
@@ -126,7 +129,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on each statement by its quantity, which has no error bar."""
+    """Verdicts on each statement on the printed equations by its quantity, which has no error bar."""
     return [
         v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule)
         for row in table

@@ -38,8 +38,8 @@ class Staging(NamedTuple):
         unseen: numbers of balls that the first view does not see.
     """
 
-    scene: str = ""  # one of `SCENES`; empty: balls that fly about
-    unseen: tuple[int, ...] = ()  # balls that the first view does not see
+    scene: str = ""
+    unseen: tuple[int, ...] = ()
 
 
 def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:

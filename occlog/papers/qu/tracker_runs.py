@@ -40,8 +40,8 @@ class DivertedTracker(NamedTuple):
 
     view: int
     target: int
-    frame: int  # before which it is put there
-    x: float  # position [px]
+    frame: int
+    x: float
     y: float
 
 
@@ -59,14 +59,14 @@ class Runner(NamedTuple):
         timed: whether the time of each part of the likelihood is measured, for `bmct` alone.
     """
 
-    config: MipfConfig  # settings of the method, which state how it tracks
+    config: MipfConfig
     geometry: ViewGeometry
     births: tuple[Birth, ...]
     seed: int
-    use: int  # number of views, the first ones of the video
-    exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change positions before that frame
+    use: int
+    exchange: tuple[int, int, int, int] | None = None
     diverted: DivertedTracker | None = None
-    timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
+    timed: bool = False
 
 
 class TrackerOutput(NamedTuple):

@@ -42,9 +42,9 @@ class TrackerPlaces(NamedTuple):
         helped: share of the trackers' rows in which another view helped; NaN without rows.
     """
 
-    own: Bools  # (T, k) within reach of its own target
-    other: Bools  # (T, k) not on its own, and within reach of another
-    helped: float  # share of the rows in which another view helped; NaN without rows
+    own: Bools
+    other: Bools
+    helped: float
 
 
 def whereabouts(

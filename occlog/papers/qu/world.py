@@ -143,6 +143,6 @@ def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]
 
 
 def boxes_of(ellipses: Floats) -> Floats:
-    """Boxes (n, 4) around ellipses (n, 5): left, top, width, height [px]."""
+    """Boxes (n, 4): left, top, width, height [px] around ellipses (n, 5): centre x, y, half axes [px], angle [rad]."""
     half = np.column_stack([support_radius(ellipses, 0.0), support_radius(ellipses, 0.5 * math.pi)])
     return np.column_stack([ellipses[:, :2] - half, 2.0 * half])

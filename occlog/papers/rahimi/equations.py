@@ -89,14 +89,17 @@ STATEMENTS: Mapping[str, RahimiStatement] = {
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Table of the quantity of every statement, a row each; `size.steps` is the number of random targets."""
+    """Table of one quantity for each statement on bearings and printed equations, a row each, with x as its number.
+
+    `size.steps` is the number of random targets.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2004, 1)))
     found = {**_undetermined(rng, size.steps), **_prior(), "sec5-sparse": _sparse()}
     return [PaperRow(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on each statement by its quantity, which has no error bar."""
+    """Verdicts on each statement on bearings and printed equations by its quantity, which has no error bar."""
     out = []
     for row in table:
         s = STATEMENTS[row.series]

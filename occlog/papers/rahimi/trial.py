@@ -56,7 +56,7 @@ class Solved(NamedTuple):
     problem: Example
     tracks: Tracks
     diagnostics: Diagnostics
-    iterates: tuple[Floats, ...]  # (T, 2) positions at the start and after every iteration
+    iterates: tuple[Floats, ...]
     iterations: int
     converged: bool
 
@@ -81,10 +81,10 @@ class SparseMeasurements(NamedTuple):
         reading: (n,) lateral offset over depth, h/d: image coordinate, in units of the focal length.
     """
 
-    state: Ints  # (n,) time, from 0
-    position: Floats  # (n, 2) of the camera
-    axis: Floats  # (n, 2) its optical axis
-    reading: Floats  # (n,) f h/d, in units of f
+    state: Ints
+    position: Floats
+    axis: Floats
+    reading: Floats
 
 
 def sparse_spec(

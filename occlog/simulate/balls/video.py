@@ -40,14 +40,18 @@ NOISE = 1 << 18
 class BallsFrame(NamedTuple):
     """Images of V views at one time, with the truth about n balls.
 
-    Frame number; images (H, W, 3) BGR; true outlines of the whole balls as ellipses (V, n, 5), see `ball_ellipses`;
-    visible shares of the parts of the balls in the image (V, n), 0 for hidden or outside.
+    Attributes:
+        frame: number of the frame.
+        images: V images (H, W, 3) BGR.
+        ellipses: (V, n, 5) true outlines of the whole balls: centre x, y [px], half axes [px], angle of the first
+            [rad].
+        share: (V, n) visible share of the part of each ball that is in the image; 0: hidden or outside.
     """
 
     frame: int
-    images: tuple[Bytes, ...]  # V of (H, W, 3) BGR
-    ellipses: Floats  # (V, n, 5) true outlines of the whole balls
-    share: Floats  # (V, n) visible share of the part of each ball that is in the image; 0: hidden or outside
+    images: tuple[Bytes, ...]
+    ellipses: Floats
+    share: Floats
 
 
 class ViewCanvas(NamedTuple):

@@ -27,16 +27,18 @@ WARM = (0.035, 0.93, 0.17, 0.29)
 
 
 class Clothes(NamedTuple):
-    """Clothes of n bodies.
+    """Clothes of n bodies; the five parts are skin, hair, shirt, trousers and shoes.
 
-    BGR colours (n, 5, 3), 0 to 255, of skin, hair, shirt, trousers and shoes; second colours (n, 5, 3) and patterns
-    (n, 5) of these parts; statures over 1.75 m (n,).
+    Attributes:
+        first, second: (n, 5, 3) BGR colours of the parts, 0 to 255; the second is that of patterned parts.
+        pattern: (n, 5) number of the pattern of each part.
+        stature: (n,) height over 1.75 m.
     """
 
-    first: Floats  # (n, 5, 3) colour of skin, hair, shirt, trousers, shoes
-    second: Floats  # (n, 5, 3) second colour of patterned parts
-    pattern: Ints  # (n, 5)
-    stature: Floats  # (n,) height over 1.75 m
+    first: Floats
+    second: Floats
+    pattern: Ints
+    stature: Floats
 
 
 class Poses(NamedTuple):
@@ -179,16 +181,18 @@ def _frames(heading: Floats) -> Floats:
 
 
 class Outfit(NamedTuple):
-    """Clothes of one body.
+    """Clothes of one body; the five parts are skin, hair, shirt, trousers and shoes.
 
-    BGR colours (5, 3), 0 to 255, of skin, hair, shirt, trousers and shoes; second colours (5, 3) and patterns (5,)
-    of these parts; stature over 1.75 m.
+    Attributes:
+        first, second: (5, 3) BGR colours of the parts, 0 to 255; the second is that of patterned parts.
+        pattern: (5,) number of the pattern of each part.
+        stature: height over 1.75 m.
     """
 
-    first: Floats  # (5, 3) colour of skin, hair, shirt, trousers, shoes
-    second: Floats  # (5, 3) second colour of patterned parts
-    pattern: Ints  # (5,)
-    stature: float  # height over 1.75 m
+    first: Floats
+    second: Floats
+    pattern: Ints
+    stature: float
 
 
 def dress(number: int, target: bool, rng: np.random.Generator, *, two_sided: bool = False) -> Outfit:

@@ -19,18 +19,24 @@ from .surfaces import hash_point, light_at
 class Bodies(NamedTuple):
     """P painted ellipsoids |A (p - c)| = 1 of n bodies, in the order of the bodies, for the rendering kernels.
 
-    Centres c (P, 3), matrices A (P, 3, 3), half lengths of the axes (P, 3), index of the body (P,), BGR colours (P,
-    3) twice, pattern (P,), and half-open pixel boxes left, top, right, bottom (P, 4) in which each can be.
+    Attributes:
+        centre: (P, 3) centres c.
+        axes: (P, 3, 3) matrices A.
+        half: (P, 3) half lengths of the axes.
+        body: (P,) index of the body.
+        first, second: (P, 3) BGR colours.
+        pattern: (P,) number of the pattern of both colours.
+        boxes: (P, 4) left, top, right, bottom of the pixels in which an ellipsoid can be, half-open.
     """
 
-    centre: Floats  # (P, 3)
-    axes: Floats  # (P, 3, 3) A
-    half: Floats  # (P, 3) half lengths of the axes
-    body: Ints  # (P,) which of the n bodies
-    first: Floats  # (P, 3) BGR
-    second: Floats  # (P, 3) BGR
-    pattern: Ints  # (P,)
-    boxes: Ints  # (P, 4) columns and rows in which it can be: left, top, right, bottom, half-open
+    centre: Floats
+    axes: Floats
+    half: Floats
+    body: Ints
+    first: Floats
+    second: Floats
+    pattern: Ints
+    boxes: Ints
 
 
 class Room(NamedTuple):

@@ -43,32 +43,42 @@ PERSON = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rendered:
-    """One rendered frame (H, W, 3) BGR of one camera, with its ground truth.
+    """One rendered frame of one camera, with its ground truth.
 
-    `boxes` are whole bodies, hidden parts included, clipped to the image; `visible` the visible parts, without
-    wholly hidden bodies; `share` the visible share of each body with a box, 0 to 1.
+    Attributes:
+        t_ns, sensor, index: time [ns], name of the camera, and number of the frame.
+        image: (H, W, 3) BGR.
+        boxes: boxes of the whole bodies, hidden parts included, clipped to the image.
+        visible: boxes of the visible parts, without wholly hidden bodies.
+        share: visible share of each body with a box, 0 to 1.
     """
 
     t_ns: int
     sensor: str
     index: int
-    image: Bytes  # (H, W, 3) BGR
-    boxes: TruthBoxes  # whole bodies, hidden parts included, clipped to the image
-    visible: TruthBoxes  # the visible parts of the same bodies, but for those wholly hidden
-    share: Floats  # visible share of each body that has a box
+    image: Bytes
+    boxes: TruthBoxes
+    visible: TruthBoxes
+    share: Floats
 
 
 class RenderJob(NamedTuple):
-    """A frame that is to be rendered: time [ns], index of the camera, frame number, and n bodies.
+    """A frame of one camera that is to be rendered, with n bodies.
 
-    `rows` (n, 5) are x, y, vx, vy [m/s], gait phase [rad] of the bodies, `ids` (n,) their numbers.
+    Attributes:
+        t_ns: time [ns].
+        number: index of the camera among those drawn.
+        frame: number of the frame.
+        rows: (n, 5) x, y (scene units), vx, vy [m/s] and gait phase [rad] of the bodies.
+        ids: (n,) numbers of the objects.
+        clothes: their clothes.
     """
 
     t_ns: int
-    number: int  # of the camera among those drawn
-    frame: int  # its number
-    rows: Floats  # (n, 5) x, y, vx, vy and phase of the gait of each object, see `walking`
-    ids: NDArray[np.int64]  # (n,)
+    number: int
+    frame: int
+    rows: Floats
+    ids: NDArray[np.int64]
     clothes: Clothes
 
 

@@ -53,18 +53,21 @@ class Solid(NamedTuple):
 
 
 class Background(NamedTuple):
-    """The empty room as seen by one camera, with four lines of sight per pixel.
+    """The empty room as seen by one camera, with four lines of sight per pixel and L lamps.
 
-    BGR colours (H, W, 3); depths along the optical axis (H, W, 4); directions of the lines of sight in the world
-    (H, W, 4, 3); x, y on the floor and share of the pixel that is floor (H, W, 3); light of each lamp there,
-    without shadows (H, W, L).
+    Attributes:
+        colour: (H, W, 3) BGR.
+        depth: (H, W, 4) distance along the optical axis to what each line of sight hits.
+        rays: (H, W, 4, 3) directions of the lines of sight in the world, with unit forward component.
+        floor: (H, W, 3) x, y on the floor in the pixel's middle, and the share of the pixel that is floor.
+        lamp: (H, W, L) light of each lamp on the floor there, without shadows.
     """
 
-    colour: Floats32  # (H, W, 3) BGR
-    depth: Floats32  # (H, W, 4) distance along the optical axis to what each line of sight hits
-    rays: Floats32  # (H, W, 4, 3) directions with unit forward component
-    floor: Floats32  # (H, W, 3) x, y on the floor in the pixel's middle, and the share of the pixel that is floor
-    lamp: Floats32  # (H, W, L) light of each lamp on the floor there, without shadows
+    colour: Floats32
+    depth: Floats32
+    rays: Floats32
+    floor: Floats32
+    lamp: Floats32
 
 
 @kernel

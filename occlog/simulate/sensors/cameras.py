@@ -26,17 +26,21 @@ from occlog.simulate.world.scripted_paths import truth_grid
 class SimulatedCamera(NamedTuple):
     """A camera with its walls, true pose and random generators, constant over all its frames.
 
-    `walls` are polygons (K, 2) that no line of sight crosses; true ground position (2,) and yaw [rad] differ from
-    the stated ones if calibration errors are simulated; `noise` is the generator of the readings, `chance` of
-    misses and false alarms.
+    Attributes:
+        camera: camera as stated in the scene.
+        walls: polygons (K, 2) that no line of sight crosses.
+        true_ground, true_yaw: true ground position (2,) and yaw [rad]; they differ from the stated ones if calibration
+            errors are simulated.
+        noise: random numbers of the readings.
+        chance: random numbers of misses and false alarms.
     """
 
     camera: Camera
-    walls: tuple[Floats, ...]  # (K, 2) polygons that no line of sight crosses
-    true_ground: Floats  # (2,) where the camera really is
-    true_yaw: float  # [rad]
-    noise: np.random.Generator  # of the readings
-    chance: np.random.Generator  # of misses and false alarms
+    walls: tuple[Floats, ...]
+    true_ground: Floats
+    true_yaw: float
+    noise: np.random.Generator
+    chance: np.random.Generator
 
 
 def observe(

@@ -142,30 +142,38 @@ def _clear(box: Floats, others: Floats) -> Bools:
 class Avoidance(NamedTuple):
     """Parameters by which objects avoid obstacles in potential fields ([Lee] Sec. 5.2.2).
 
-    Field and step rules; packed polygons of the static occluders that repel; `patience`: steps without getting
-    nearer to a destination after which another one is taken; recorded walkers, None for none.
+    Attributes:
+        field: rules of the forces.
+        steps: rules of the steps.
+        occluders: packed polygons of the static occluders that repel.
+        patience: steps without getting nearer to a destination, after which another one is taken.
+        people: recorded walkers; None: none.
     """
 
     field: Field
     steps: StepRules
-    occluders: tuple[Floats, Ints]  # packed polygons that repel
-    patience: int  # steps without getting nearer to a destination, after which another one is taken
-    people: MovingObstacleTracks | None  # recorded walkers; None: none
+    occluders: tuple[Floats, Ints]
+    patience: int
+    people: MovingObstacleTracks | None
 
 
 class AvoidingState(NamedTuple):
     """State of n objects that walk by potential fields.
 
-    Positions and destinations (n, 2); total force of the last step (n, 2), NaN before the first; least distance
-    from the destination so far (n,), and steps since then (n,); number of steps done.
+    Attributes:
+        xy, destination: (n, 2) positions and destinations.
+        total: (n, 2) total force of the last step; NaN before the first.
+        nearest: (n,) least distance from the destination so far.
+        waited: (n,) number of steps since then.
+        step: number of steps done.
     """
 
-    xy: Floats  # (n, 2)
-    destination: Floats  # (n, 2)
-    total: Floats  # (n, 2) total force of the step before; NaN: none yet
-    nearest: Floats  # (n,) least distance from the destination so far
-    waited: Ints  # (n,) steps since it was less
-    step: int  # steps done
+    xy: Floats
+    destination: Floats
+    total: Floats
+    nearest: Floats
+    waited: Ints
+    step: int
 
 
 def starting(world: WaypointState) -> AvoidingState:

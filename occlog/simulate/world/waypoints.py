@@ -28,14 +28,17 @@ from occlog.core.plane import distance_to_boundary, point_inside, segment_blocke
 class Ground(NamedTuple):
     """Free ground on which objects move: the room without walls and occluders.
 
-    Outline of the room (K, 2); packed polygons (S, 2) of static occluders and pockets of the room, with the index
-    of the first corner of each, then S (P + 1,); minimum distance of a centre from both.
+    Attributes:
+        room: (K, 2) outline of the room.
+        walls: (S, 2) corners of P polygons, one after the other: static occluders and pockets of the room.
+        starts: (P + 1,) index of the first corner of each polygon, then S.
+        clearance: minimum distance of a centre from walls and room.
     """
 
-    room: Floats  # (K, 2)
-    walls: Floats  # (S, 2) packed polygons: static occluders and pockets of the room
-    starts: Ints  # (P + 1,)
-    clearance: float  # least distance from a centre to walls and room
+    room: Floats
+    walls: Floats
+    starts: Ints
+    clearance: float
 
 
 class WaypointMotion(NamedTuple):
@@ -268,11 +271,17 @@ ATTEMPTS = 20_000
 
 
 class WaypointState(NamedTuple):
-    """State of n walking objects: positions `xy` and destinations (n, 2) in scene units, and number of steps done."""
+    """State of n walking objects, in scene units.
 
-    xy: Floats  # (n, 2)
-    destination: Floats  # (n, 2)
-    step: int  # steps done
+    Attributes:
+        xy: (n, 2) positions.
+        destination: (n, 2) positions that they walk to.
+        step: number of steps done.
+    """
+
+    xy: Floats
+    destination: Floats
+    step: int
 
 
 class WaypointNoise(NamedTuple):

@@ -36,7 +36,14 @@ MIN_PIXELS = 30  # of foreground in a box, for an appearance
 
 @dataclass(frozen=True)
 class TargetBox:
-    """A box around a target in one frame, drawn by the user."""
+    """A box around a target in one frame, drawn by the user.
+
+    Attributes:
+        target_id: identity of the target.
+        sensor: name of the camera.
+        frame: number of the frame.
+        left_px, top_px, width_px, height_px: the box [px].
+    """
 
     target_id: int
     sensor: str

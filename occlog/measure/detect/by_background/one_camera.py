@@ -175,26 +175,39 @@ BLOCK = 16  # codecs cut images at the right and below to whole blocks
 class CameraSetup:
     """Detection in one camera, set up from its first frame.
 
-    Shape of the frames, downscaling factor, background model, sizes of people and clustering prior for the downscaled
-    images, side of the cells [px], and whether the model started from an image of the empty scene.
+    Attributes:
+        shape: shape of the frames.
+        shrink: integer factor by which they are downscaled.
+        subtractor: background model of the downscaled images.
+        sizes: sizes of people in the downscaled images.
+        prior: prior of the clustering there.
+        side: side of its cells [px of the downscaled image].
+        started: whether the model started from an image of the empty scene.
     """
 
     shape: tuple[int, ...]
     shrink: int
     subtractor: Subtractor
-    sizes: SizeMap  # in the shrunk image
+    sizes: SizeMap
     prior: Prior
-    side: int  # of the cells [px]
-    started: bool  # from an image of the empty scene
+    side: int
+    started: bool
 
 
 @dataclass
 class CameraState:
-    """State of the detection in one camera, used by one thread at a time.
+    """State of the detection in one camera, updated in place, and used by one thread at a time.
 
-    Camera, scene, settings; empty scene and sizes of people if learned; targets to search for; `setup`, made at the
-    first frame; `seen`, frames given to the background model; last positions of targets; frames with separate
-    people; `near`, track feedback that limits the search for targets (None: whole image).
+    Attributes:
+        camera, scene, config: camera, its scene, and settings.
+        empty: learned image of the empty scene; None: not learned.
+        sizes: learned sizes of people; None: not learned.
+        targets: targets to search for.
+        setup: made at the first frame; None before.
+        seen: number of frames given to the background model.
+        memory: last positions of targets.
+        separate: frames in which people are separate.
+        near: track feedback that limits the search for targets; None: they are searched for in the whole image.
     """
 
     camera: Camera
@@ -204,15 +217,15 @@ class CameraState:
     sizes: SizeMap | None = None
     targets: tuple[Target, ...] = ()
     setup: CameraSetup | None = None
-    seen: int = 0  # frames given to the background model
+    seen: int = 0
     memory: TargetMemory = field(default_factory=TargetMemory)
     separate: SeparateSightings = field(default_factory=SeparateSightings)
-    near: TrackFeedback | None = None  # where targets are thought to be; None: they are searched for everywhere
+    near: TrackFeedback | None = None
 
 
 @dataclass(frozen=True)
 class FrameRegions:
-    """Person-sized regions of one frame, with its time [ns] and frame number."""
+    """Person-sized regions of one frame, with its time `t_ns` [ns] and its number `index`."""
 
     t_ns: int
     index: int

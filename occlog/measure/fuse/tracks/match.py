@@ -64,7 +64,7 @@ def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: 
 
 
 class GroundPositions(NamedTuple):
-    """n positions on the ground with the elements xx, xy, yy of their covariances, all arrays (n,)."""
+    """n positions on the ground, x and y (n,), with the elements xx, xy, yy (n,) of their covariances."""
 
     x: Floats  # (n,)
     y: Floats

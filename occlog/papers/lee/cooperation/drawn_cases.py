@@ -207,7 +207,10 @@ TITLES = {
 
 
 def judge_changes(table: Table) -> list[StatementVerdict]:
-    """Verdicts, for each case, on whether (3.14) does not fire, and whether the estimation's performance does."""
+    """Verdicts for each case of [Lee] Fig. 3-8: does (3.14), the trigger by counts, stay silent, and do others fire.
+
+    The others are (3.15) and (3.16), by the error of the estimate.
+    """
     out = []
     for n, (letter, case) in enumerate(CHANGES.items()):
         rows = {name: v.find(table, title, n + 2.0) for name, title in TITLES.items()}

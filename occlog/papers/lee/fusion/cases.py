@@ -139,20 +139,27 @@ def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
 
 
 class FusionCase(NamedTuple):
-    """A case study of Sec. 4.4.2: detections of three sensors, prediction, and printed results.
+    """A case study of [Lee] Sec. 4.4.2: detections of three sensors, prediction, and printed results.
 
-    Detections (3, 2), NaN where missed; qualities W by sensor from 0; fused position; prior P_1; decision value by
-    Eq. 4.13 and declaration; decision value by Eq. 4.3, None if not printed.
+    Attributes:
+        detections: (3, 2) detected positions; NaN where missed.
+        predicted: predicted position x, y.
+        qualities: quality W of the detections, by sensor from 0.
+        fused: fused position x, y.
+        prior: prior probability P_1 that the object is present.
+        value: value of the decision by Eq. 4.13.
+        declared: whether the object is declared.
+        value_plain: value of the decision by Eq. 4.3; None: not printed.
     """
 
-    detections: Floats  # (3, 2), NaN where missed
+    detections: Floats
     predicted: tuple[float, float]
-    qualities: dict[int, float]  # sensor, from 0, to W
+    qualities: dict[int, float]
     fused: tuple[float, float]
     prior: float
     value: float
     declared: bool
-    value_plain: float | None = None  # by Eq. 4.3
+    value_plain: float | None = None
 
 
 NOTHING = (math.nan, math.nan)

@@ -21,14 +21,22 @@ from .obstacle_course import Course
 
 
 class PathPicture(NamedTuple):
-    """Content of the picture of a path: scene, obstacles, path, goal (2,), settings, and words for its end."""
+    """Content of the picture of a path.
+
+    Attributes:
+        scene, course: room, and obstacles of the robot.
+        path: path of the robot.
+        goal: (2,) position of the goal.
+        config: settings of the robot.
+        end: words for how the path ended.
+    """
 
     scene: Scene
     course: Course
     path: RobotPath
-    goal: Floats  # (2,)
+    goal: Floats
     config: NavigateConfig
-    end: str  # how the path ended, in words
+    end: str
 
 
 SIZE = (7.4, 8.2)

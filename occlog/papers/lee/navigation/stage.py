@@ -49,17 +49,21 @@ class End(IntEnum):
 class RobotStep(NamedTuple):
     """N robots at one step, A of which are still active; others have ended earlier.
 
-    Number of the step; indices of the active robots (A,), their positions (A, 2), least clearance since the step
-    before, border to border (A,), index of that obstacle, -1 for none (A,), and forces of the next step, None if no
-    robot continues.
+    Attributes:
+        number: number of the step.
+        active: (A,) indices of the active robots.
+        xy: (A, 2) their positions.
+        clearance: (A,) least distance from obstacles since the step before, border to border.
+        nearest: (A,) index of that obstacle; -1: none.
+        steering: forces of the next step; None: no robot continues.
     """
 
     number: int
-    active: Ints  # numbers of the robots that were still going
-    xy: Floats  # (A, 2) where they are
-    clearance: Floats  # (A,) least distance from obstacles since the step before, border to border
-    nearest: Ints  # (A,) which obstacle that was; -1: missing
-    steering: Steering | None  # what they do next; None: none of them goes on
+    active: Ints
+    xy: Floats
+    clearance: Floats
+    nearest: Ints
+    steering: Steering | None
 
 
 @dataclass(eq=False)

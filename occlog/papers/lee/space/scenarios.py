@@ -152,7 +152,13 @@ def _reaches(key: str, stated: str, rows: Sequence[PaperRow], bound: Sequence[Pa
 
 
 def _below(key: str, planes: Sequence[PaperRow], direct: Sequence[PaperRow]) -> StatementVerdict:
-    """Verdict on whether the bound of the planes is below the direct one on some axis."""
+    """Verdict on whether the bound of standard deviations by projected planes is below the direct bound on some axis.
+
+    Args:
+        key: id of the verdict.
+        planes: rows of the bound of the projected planes, one for each axis.
+        direct: rows of the bound of the direct method, one for each axis.
+    """
     ratio = exact(min(p.mean / d.mean for p, d in zip(planes, direct, strict=True)))
     statement = (
         "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."

@@ -70,10 +70,10 @@ class SpaceWorld(NamedTuple):
         prior: standard deviations of the filter's prior per axis, of the position [m] and of the velocity [m/s].
     """
 
-    states: Floats  # (T, 6) x, y, z [m], then their velocities [m/s]
-    dt: Floats  # (T,) time since the instant before [s]; the first is 0
-    positions: Floats  # (S, 3) of the arrays [m]
-    prior: tuple[float, float]  # standard deviations of a position [m] and of a velocity [m/s]
+    states: Floats
+    dt: Floats
+    positions: Floats
+    prior: tuple[float, float]
 
     @property
     def P0(self) -> Floats:  # noqa: N802 - the paper's letter
@@ -233,7 +233,7 @@ def _track_by_planes(
     models: list[tuple[AccelerationModel, ...]] | None,
     rng: Generator,
 ) -> tuple[Floats, list[list[int]]]:
-    """Run PPS on the T scans `given`: estimated positions (T, 3) [m], and the numbers of the planes selected at each.
+    """Run the particle filter in projected planes (PPS) on T scans: positions (T, 3) [m], and the selected planes.
 
     Args:
         w: world of the trial.
@@ -241,6 +241,9 @@ def _track_by_planes(
         config: settings of the filter.
         models: for each scan the motion of each plane since the one before; None: the motion of `config`.
         rng: random numbers of the particles.
+
+    Returns:
+        The positions, and for each scan the numbers of the two planes that give its estimate.
     """
     state, positions = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
     pairs = []

@@ -32,8 +32,8 @@ class SensorNode:
 
     name: str
     router: str
-    detects: int  # objects that its reader detects
-    assigned: float  # share of the router's tracked objects that it is to hear
+    detects: int
+    assigned: float
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ class Sizes:
             measured sounds, and of estimates.
     """
 
-    packet: int = 1000  # payload of a packet, at most
-    header: int = 0  # added to each packet
-    ack: int = 40  # acknowledgement of a packet of an image, at each hop
-    detection: int = 8  # of an object
+    packet: int = 1000
+    header: int = 0
+    ack: int = 40
+    detection: int = 8
     assigned: int = 8
     acoustic: int = 16
     estimate: int = 24
@@ -339,7 +339,7 @@ class Cycle(NamedTuple):
         messages: all messages of the cycle.
     """
 
-    delays: dict[str, float]  # of each router with objects: from the detection to the last final estimate [s]
+    delays: dict[str, float]
     messages: list[NetworkMessage]
 
 

@@ -46,8 +46,8 @@ class FailureCurve(NamedTuple):
     """
 
     targets: int
-    totals: Floats  # (K,) particles of all trackers in all views, rising
-    rates: Floats  # (K, R) sum of both failure rates [%]
+    totals: Floats
+    rates: Floats
 
 
 def failure_rates(size: Size, execute: Execute) -> Table:

@@ -34,7 +34,7 @@ class MechanismCase(NamedTuple):
     """
 
     scene: str
-    view: int  # in which the balls meet, from 0
+    view: int
     label: str
     clutter: int = 6
 

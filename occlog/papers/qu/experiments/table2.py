@@ -148,8 +148,8 @@ class FilterVariant(NamedTuple):
     name: str
     method: str
     settings: Mapping[str, object]
-    joint: bool  # one state of all targets in a view; false: every target has its own particles
-    tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
+    joint: bool
+    tried: Callable[[int], Sequence[int]]
 
     def total(self, targets: int, particles: float) -> float:
         """Number of particles of all trackers in all views, for a number of `targets`.
