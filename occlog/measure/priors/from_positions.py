@@ -148,8 +148,15 @@ class _FilterState:
 def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig) -> None:
     """Predict the filters to the time of some measurements, and update them by these, in place.
 
-    New occluders get a filter; filters without measurements for more than `max_coasting_s` are dropped. InputError
-    if the time is earlier than the last step's, or an occluder has two positions.
+    New occluders get a filter; filters without measurements for more than `max_coasting_s` are dropped.
+
+    Args:
+        state: Kalman filters of all occluders, updated in place.
+        m: measured positions of one time.
+        config: settings of the filters.
+
+    Raises:
+        InputError: the time is earlier than the last step's, or an occluder has two positions.
     """
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(

@@ -344,7 +344,7 @@ def evidence(polygons: Sequence[Polygon]) -> list[bool]:
 def _identities(
     old: list[TrackedPolygon], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
 ) -> list[TrackedPolygon]:
-    """Return the polygons with identities: each that of a nearby known one, or a new one; one to one.
+    """Give polygons their identities, one to one: that of a nearby known polygon, or a new one.
 
     Args:
         old: known polygons.
@@ -376,9 +376,15 @@ def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
 
 
 def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
-    """Select the polygons with recent evidence at `t_ns` [ns], and those needed to explain the remaining runs.
+    """Select the polygons with recent evidence at `t_ns` [ns], and those that explain the remaining foreground.
 
-    Of the latter, those that explain more unexplained runs are selected first; equal ones are all selected.
+    Foreground of a camera is explained by a polygon in its cone. Of the latter, those that explain more of it are
+    selected first; equal ones are all selected.
+
+    Args:
+        current: tracked polygons.
+        t_ns: time [ns].
+        rules: how recent evidence has to be.
     """
     chosen = [k for k in current if _lately(k, t_ns, rules)]
     rest = [k for k in current if not _lately(k, t_ns, rules)]

@@ -252,10 +252,10 @@ def _spread(item: str, wide: list[PaperRow], narrow: list[PaperRow]) -> Statemen
 
 
 def _deviations(wide: list[PaperRow], narrow: list[PaperRow]) -> Measure:
-    """Ratio of the standard deviations over the runs, each the root mean square over its rows, with its error.
+    """Ratio of the standard deviations over the runs of `wide` to those of `narrow`, with its error.
 
-    A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).  The rows have the same worlds, so
-    that more rows do not lower it. NaN for fewer than two runs.
+    Each is the root mean square over its rows. A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).
+    The rows have the same worlds, so that more rows do not lower it. NaN for fewer than two runs.
     """
     upper, lower = (math.sqrt(math.fsum(r.sd**2 for r in rows) / len(rows)) for rows in (wide, narrow))
     runs = min(r.runs for r in [*wide, *narrow])

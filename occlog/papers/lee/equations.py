@@ -138,7 +138,7 @@ def judge(table: Table) -> list[StatementVerdict]:
 
 
 def _turns() -> dict[str, float]:
-    """Largest deviations of (2.13) and (3.12) from a turn, and the angle by which their rate turns clockwise [rad]."""
+    """Largest deviations of [Lee] Eqs. 2.13 and 3.12 from a coordinated turn, and how far clockwise they turn [rad]."""
     rate = 0.3
     s, c, n = math.sin(rate) / rate, (1.0 - math.cos(rate)) / rate, rate
     printed = [[1, s, 0, -c], [0, c, 1, s], [0, math.cos(n), 0, -math.sin(n)], [0, math.sin(n), 0, math.cos(n)]]
@@ -153,15 +153,15 @@ def _turns() -> dict[str, float]:
 
 
 def _propagator(a: float, velocity: float, step: float) -> Floats:
-    """Transition matrix (2.15) of one axis, [position, velocity], over the time `step` [s], as printed.
+    """Transition matrix (2, 2) of position and velocity along one axis over `step` [s], as printed in [Lee] Eq. 2.15.
 
-    `a` is the acceleration; `velocity` that by which it is divided.
+    `a` is the acceleration [m/s^2]; `velocity` [m/s] that by which it is divided there.
     """
     return np.array([[1.0, a * step**2 / (2.0 * velocity) + step], [0.0, a * step / velocity + 1.0]])
 
 
 def _acceleration(rng: np.random.Generator) -> dict[str, float]:
-    """Largest deviations of (2.15) from motion at constant acceleration, and from the gradient of that motion."""
+    """Largest deviations of [Lee] Eq. 2.15 from motion at constant acceleration, and from that motion's gradient."""
     moved, gradient = 0.0, 0.0
     for x, velocity, a in zip(*rng.uniform(0.5, 2.0, (3, EXAMPLES)).tolist(), strict=True):
         F = _propagator(a, velocity, STEP_S)
@@ -172,9 +172,9 @@ def _acceleration(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _least_information() -> float:
-    """Run (2.30) with the printed (2.39) from J_0 = 0: absolute least eigenvalue of the information matrix.
+    """Recursion of the information matrix by [Lee] Eq. 2.30, with 2.39 as printed, from 0: its least eigenvalue.
 
-    The state is in units in which each component has the information 1.
+    The absolute value, for a state in units in which each component has the information 1.
     """
     w = world(1, INSTANTS)
     each = direction_information(w.states[:, :3], np.zeros(3), np.eye(3), SIGMA, SIGMA)
@@ -192,7 +192,7 @@ def _least_information() -> float:
 
 
 def _gradients(rng: np.random.Generator) -> float:
-    """Largest deviation of (2.36) to (2.38) from quotients of differences of the projected angles."""
+    """Largest deviation of [Lee] Eqs. 2.36 to 2.38 from difference quotients of the projected angles."""
     h, off = 1e-6, 0.0
     for xyz in rng.uniform(1.0, 5.0, (EXAMPLES, 3)):
         for plane, (a, b) in enumerate(AXES):
@@ -206,7 +206,7 @@ def _gradients(rng: np.random.Generator) -> float:
 
 
 def _conversions(rng: np.random.Generator) -> dict[str, float]:
-    """Largest errors [m] of (2.22) to (2.24) for sensors with axes equal and opposite to the first sensor's."""
+    """Largest errors [m] of [Lee] Eqs. 2.22 to 2.24 for sensors with axes equal and opposite to those of the first."""
     own, sensor = rng.uniform(1.0, 10.0, (2, EXAMPLES))
     similar, reversed_ = own - sensor, own + (sensor - own)
     return {
@@ -216,7 +216,7 @@ def _conversions(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _shares(rng: np.random.Generator) -> float:
-    """Sum the particle coefficients in (3.7) to (3.11), for 2 bearings, 3 models and 100 particles."""
+    """Sum of the particle coefficients in [Lee] Eqs. 3.7 to 3.11, for 2 bearings, 3 models and 100 random particles."""
     w = rng.random((2, 3, 100))
     w /= w.sum()
     mass = w.sum(axis=2)  # of bearing i and model m
@@ -226,7 +226,7 @@ def _shares(rng: np.random.Generator) -> float:
 
 
 def _decisions() -> dict[str, float]:
-    """Largest deviations of (4.4) from (4.3), and of the ratio in (4.11) from the probabilities that define it."""
+    """Largest deviations of [Lee] Eq. 4.4 from 4.3, and of the ratio in 4.11 from the probabilities that define it."""
     equal, ratio, sensors = 0.0, 0.0, 6
     for p_miss in (0.05, 0.1, 0.2, 0.3):
         for detected in range(sensors + 1):

@@ -152,7 +152,7 @@ def _undetermined(rng: np.random.Generator, targets: int) -> dict[str, float]:
 
 
 def _prior() -> dict[str, float]:
-    """Largest deviations of (1) to (3) from the motion and the covariance that they describe, by statement."""
+    """Largest deviations of [Rahimi] Eqs. 1 to 3 from the motion and covariance that they describe, by statement."""
     n, x = 4 * STEPS, np.array([1.0, 2.0, 0.3, 0.4])  # positions 1 and 2, velocities 0.3 and 0.4
     moved = float(np.abs((A @ x)[:2] - (x[:2] + 0.5 * x[2:])).max())
     # The covariance, state by state; the first one's is that of a weak prior, without which it does not exist
@@ -179,7 +179,7 @@ def _prior() -> dict[str, float]:
 
 
 def _rows(root: Floats) -> Floats:
-    """Matrix G of (3): block row t has `root` A at state t and -`root` at state t + 1; `root`: (4, 4)."""
+    """Matrix G of [Rahimi] Eq. 3: block row t has `root` A at state t and -`root` at state t + 1; `root`: (4, 4)."""
     G = np.zeros((4 * (STEPS - 1), 4 * STEPS))
     for t in range(STEPS - 1):
         rows = slice(4 * t, 4 * t + 4)
@@ -188,13 +188,16 @@ def _rows(root: Floats) -> Floats:
 
 
 def _gram(root: Floats) -> Floats:
-    """G^T G of (3), for a root (4, 4)."""
+    """G^T G with the matrix G of [Rahimi] Eq. 3, for the root (4, 4) of a process noise."""
     G = _rows(root)
     return np.asarray(G.T @ G)
 
 
 def _sparse() -> float:
-    """Share of the rows of J with two entries: rows of G, and one of a bearing at each time."""
+    """Share of the rows of the Jacobian J ([Rahimi] Sec. 5) with two entries.
+
+    They are the rows of G (Eq. 3), and one of a bearing at each time.
+    """
     two = list(np.count_nonzero(_rows(np.diag(1.0 / np.sqrt(np.diag(NOISE)))), axis=1) == 2)
     # A bearing has the gradients by the two coordinates of its position
     return float(np.mean([*two, *[True] * STEPS]))

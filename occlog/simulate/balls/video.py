@@ -258,7 +258,7 @@ def balls_truth(centres: Floats, t_ns: int) -> Truth:
 
 
 def balls_boxes(frame: BallsFrame, cameras: tuple[Camera, ...], t_ns: int) -> list[TruthBoxes]:
-    """True boxes at `t_ns` [ns] of all balls that reach into the image, one table per view.
+    """Tables of true boxes, one per view, of all balls of a frame that reach into the image, at `t_ns` [ns].
 
     Occluded balls are included, with their visible share.
     """

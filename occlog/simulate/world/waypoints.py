@@ -153,10 +153,17 @@ def move_into(
 ) -> None:
     """Move object i of `xy` (n, 2) by (ux, uy), in place; where that is not free, turn away step by step, or stay.
 
-    Directions are tried in the order of their angle to the requested one, each with a whole
-    step, then half a step.  Of two equal angles, the one that leads away from the object
-    in the way comes first (to the right if that is straight ahead), so that two objects
-    that meet pass each other.
+    First the requested step is tried, then turned directions in the order of their angle to it, each with a whole step,
+    then half a step. Of two equal angles, the one that leads away from the object in the way comes first (to the right
+    if that is straight ahead), so that two objects that meet pass each other.
+
+    Args:
+        xy: (n, 2) positions of all objects, updated in place.
+        i: index of the object.
+        ux: x of the requested step.
+        uy: y of the requested step.
+        ground: room and walls.
+        diameter: minimum distance of the centres of two objects.
     """
     if try_into(xy, i, ux, uy, ground, diameter):
         return

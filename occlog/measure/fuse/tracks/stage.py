@@ -184,10 +184,17 @@ def _alone(tracks: PeopleTracks) -> JoinedTracks:
 def _join(
     first: JoinedTracks, second: PeopleTracks, number: int, config: TrackFusionConfig
 ) -> tuple[JoinedTracks, list[_Doubt], GroupConsistency]:
-    """Add the tracks of one more group to those fused before, at common time steps.
+    """Add the tracks of one more group of cameras to those fused before, at common time steps.
 
-    Returns the fused tracks sorted by time and identity, the possible identity switches, and how well the group agrees
-    with those before. `number` counts the groups fused before, for the column `source_ids`.
+    Args:
+        first: fused tracks of the groups before.
+        second: tracks of the group.
+        number: number of groups fused before, for the column `source_ids`.
+        config: settings of the fusion.
+
+    Returns:
+        The fused tracks sorted by time and identity, the possible identity switches, and how well the group agrees with
+        those before.
     """
     partner = match_tracks(first, second, config.sigma_registration, config.gate, config.comparison_window_s)
     pairs = np.flatnonzero(partner >= 0)

@@ -186,7 +186,7 @@ def _scan(k: int, positions: Floats, heard: Sequence[tuple[int, ...]], rng: Gene
 
 
 def changes(size: Size, execute: Execute) -> Table:
-    """Table of the shares of runs in which each condition holds, for every case of Fig. 3-8."""
+    """Table of the share of runs in which each trigger of [Lee] Sec. 3.3.3 fires, for every case of Fig. 3-8."""
     specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee38"} for c in CHANGES for r in range(size.runs)]
     results, rows = execute(specs), []
     for n in range(len(CHANGES)):
@@ -250,10 +250,14 @@ CONDITIONS = {"bearing": "(3.15)", "ellipse": "(3.16)"}
 
 
 def sketch_trial(spec: Spec) -> dict[str, float]:
-    """Weight the particles of a sketch by two bearings; return for `bearing` (3.15) and `ellipse` (3.16) 1 if it holds.
+    """Weight the particles of a drawn case by two bearings, and evaluate the triggers ([Lee] Sec. 3.3.3).
 
     Args:
-        spec: `case`, `seed`, `run`.
+        spec: `case`, a key of `SKETCHES`, `seed` and `run`.
+
+    Returns:
+        1 or 0: `bearing`, whether Eq. 3.15 fires (the estimate is outside the 95 % ranges of all bearings), and
+            `ellipse`, whether Eq. 3.16 does (it is outside the 95 % ellipses of all models).
     """
     case = SKETCHES[spec["case"]]
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(spec["run"], 2009, 313)))
@@ -276,7 +280,7 @@ def sketch_trial(spec: Spec) -> dict[str, float]:
 
 
 def sketches(size: Size, execute: Execute) -> Table:
-    """Table of the shares of runs in which (3.15) and (3.16) fire in Figs. 3-10, 3-11 and 3-13."""
+    """Table of the share of runs in which the triggers [Lee] Eqs. 3.15 and 3.16 fire in Figs. 3-10, 3-11 and 3-13."""
     specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee313"} for c in SKETCHES for r in range(size.runs)]
     results, rows = execute(specs), []
     for n, figure in enumerate(SKETCHES):
@@ -287,7 +291,7 @@ def sketches(size: Size, execute: Execute) -> Table:
 
 
 def judge_sketches(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether each of (3.15) and (3.16) fires where the text states it, and only there."""
+    """Verdicts on whether the triggers [Lee] Eqs. 3.15 and 3.16 fire where the text states it, and only there."""
     out = []
     for figure, case in SKETCHES.items():
         for name, title in CONDITIONS.items():

@@ -109,7 +109,7 @@ def judge_curves(table: Table) -> list[StatementVerdict]:
 
 
 def _threshold(key: str, statement: str, limit: float, rows: list[PaperRow], level: float) -> StatementVerdict:
-    """Verdict on the variance at which the share declared falls below a level, run by run.
+    """Verdict on the variance at which the share of trials with a declared object falls below a level, run by run.
 
     By linear interpolation; without a crossing the end of the curve counts.
 

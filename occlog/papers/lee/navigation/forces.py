@@ -315,7 +315,7 @@ def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def prevented_forces(size: Size, execute: Execute) -> Table:
-    """Table of forces along the diagonal by (5.24), the printed robot's path, and shares over random lines."""
+    """Table of forces along the diagonal by [Lee] Eq. 5.24, the printed robot's path, and shares over random lines."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     steps, _ = printed_drive(PREVENTION)
