@@ -80,8 +80,8 @@ Sensor = Camera | MicrophoneArray
 class ExpectedInformation(NamedTuple):
     """Simulated reports of one sensor, or several together, about N targets in T time steps.
 
-    Mask (N, T) of reports, and xx, xy, yy of the Fisher information about the position (3, N, T) [length^-2], 0
-    without.
+    Mask (N, T) of reports, and xx, xy, yy of the Fisher information about the position (3, N, T) [length^-2], 0 without
+    a report.
     """
 
     seen: Bools  # (N, T) whether it reports the target

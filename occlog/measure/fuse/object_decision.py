@@ -273,8 +273,8 @@ def _nothing(
         motion: motion of a confirmed object predicted to this time; None: none.
         memory: state of the object before.
         kept: (R,) mask of detections to keep.
-        value: log-likelihood ratio of the decision.
-        config: gives `max_coasting_steps`.
+        value: natural-log odds of the object's presence.
+        config: settings, of which `max_coasting_steps` is used.
     """
     absent = memory.absent + 1
     after = (

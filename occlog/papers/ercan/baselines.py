@@ -80,7 +80,7 @@ def _point(
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on what Sec. 4 states about Kalman filters, for every number of cameras; table of `baselines`."""
+    """Verdicts on what [Ercan] Sec. 4 states about Kalman filters, for every number of cameras."""
 
     def lower(key: str, statement: str, low: str, high: str) -> StatementVerdict:
         return v.pairs(f"baselines-{key}", statement, v.matched(table, low, high))

@@ -482,7 +482,7 @@ Figures = dict[str, float]
 
 
 def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Experiment, Experiment]:
-    """Create the two experiments on a recorded target, as Figs. 14 and 15; the full form uses all of its times."""
+    """Two experiments on a recorded target, as [Ercan] Figs. 14 and 15; the full form uses all of its times."""
     steps, names = len(recorded.positions), recorded.cameras
     quick = (2, min(60, steps))
     note = (

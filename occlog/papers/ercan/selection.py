@@ -189,7 +189,7 @@ FIG15 = Experiment(
 
 
 def fig14(size: Size, execute: Execute) -> Table:
-    """Table of the RMSE against the number of cameras, for known positions, priors and neither."""
+    """Table of the RMSE against the number of cameras, for known positions of occluders, priors, and neither."""
     counts = (2, 5, 9) if size.quick else tuple(range(1, 10))
     kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(LAB_SIGMA, LAB_Q), KNOWN: kalman(0.0)}
     points = [

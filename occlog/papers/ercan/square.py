@@ -88,7 +88,7 @@ def judge6(table: Table) -> list[StatementVerdict]:
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """Table of the RMSE against the error of the priors, with four cameras and no static occluder."""
+    """Table of the RMSE against the error of the occluders' priors, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     sigmas = (0.0, 4.0, 16.0) if size.quick else (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
     points = [TrialPoint(PRIOR, s, trial(scene, size, M40, kalman(s), cameras=_cameras(4))) for s in sigmas]

@@ -193,19 +193,19 @@ def names(numbers: Sequence[int]) -> list[str]:
 
 
 def square_room(*, pillar: bool) -> str:
-    """YAML text of the room of Fig. 5: 100 x 100, eight cameras, with its static occluder if `pillar`."""
+    """YAML text of the room of [Ercan] Fig. 5: 100 x 100, eight cameras, with its static occluder if `pillar`."""
     box = [(40, 40), (60, 40), (60, 60), (40, 60)] if pillar else None
     return _scene("unit", [(0, 0), (100, 0), (100, 100), (0, 100)], box, cameras=SQUARE, focal=70.0, fov=90.0, yaw=0.01)
 
 
 def l_room() -> str:
-    """YAML text of the L-shaped room of Fig. 11: 160 x 160 without [53, 160]^2, twelve cameras."""
+    """YAML text of the L-shaped room of [Ercan] Fig. 11: 160 x 160 without [53, 160]^2, twelve cameras."""
     room = [(0, 0), (160, 0), (160, 53), (53, 53), (53, 160), (0, 160)]
     return _scene("unit", room, None, cameras=L_SHAPE, focal=70.0, fov=90.0, yaw=0.01)
 
 
 def lab() -> str:
-    """YAML text of a stand-in for the lab of Fig. 13, in inches.
+    """YAML text of a stand-in for the lab of [Ercan] Fig. 13, in inches.
 
     Sixteen cameras of 47 degrees counter-clockwise along the walls, four to a wall from
     corner 1 on, which point at the middle of the room; images 640 px wide; one static

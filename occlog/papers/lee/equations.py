@@ -260,7 +260,7 @@ def _planes() -> dict[str, float]:
 
 
 def _angles() -> dict[str, float]:
-    """Largest differences of the angles' ranges along the track of Tables 2.1 and 2.2 from the printed ones [deg]."""
+    """Largest differences of the angles' ranges along the track of [Lee] Table 2.1 from the printed ones [deg]."""
     w = world(TABLE, TABLE_INSTANTS)
     theta, phi = (np.degrees(a) for a in sight_angles(w.states[:, :3], np.zeros(3), np.eye(3)))
     return {

@@ -130,7 +130,7 @@ def open_dimensions(cameras: Floats, position: Floats, velocity: Floats, *, spee
 
 
 def _undetermined(rng: np.random.Generator, targets: int) -> dict[str, float]:
-    """By statement of Fig. 1, the share of random targets for which it holds; cameras are those of Sec. 6."""
+    """By statement of [Rahimi] Fig. 1, the share of random targets for which it holds; cameras are those of Sec. 6."""
     held = dict.fromkeys((ALONE, SPEED_KNOWN, TWO, RADIAL), 0)
     positions, half = np.array(PLACES, dtype=np.float64), math.radians(0.5 * FOV_DEG)
     for _ in range(targets):

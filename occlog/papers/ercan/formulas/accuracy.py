@@ -74,7 +74,7 @@ def _covariances(priors: Priors) -> Floats:
 def _diagonal(positions: Floats, priors: Priors, form: int) -> Floats:
     """Probabilities (n,) that the occluder with prior i hides position i from a camera at the origin.
 
-    `positions` is (n, 2), `priors` are n; `form` is the number of the form of Eq. 7 (see `blocking`).
+    `positions` is (n, 2), `priors` are n; `form` is the number of the form of [Ercan] Eq. 7 (see `blocking`).
     """
     camera = np.zeros(2)
     return np.array(
@@ -104,7 +104,7 @@ def _monte_carlo(positions: Floats, priors: Priors, draws: int, rng: np.random.G
 
 
 def judge17(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statement about Fig. 17 that most of the positions are within the tolerance, for each form."""
+    """Verdicts on [Ercan] Fig. 17: whether most of the positions are within the tolerance, for each form."""
     out = []
     rule = f"more than {MOST:.0%} of the positions; in part from half of that"
     for name in FORMS:

@@ -164,12 +164,12 @@ MOST_CAMERAS = 16
 
 
 def recursion(q: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, by Eqs. 8-9, at least `floor`.
+    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, by [Ercan] Eqs. 8-9.
 
     Args:
         q: (L, N, M) probabilities that occluder j hides a position from camera i, by `blocking_all`.
         eta: (N,) mask of the cameras that see the position.
-        floor: least value, >= 0.
+        floor: least value of the result, >= 0.
     """
     return pattern(seen_by_recursion(q), eta, floor)
 
@@ -199,7 +199,7 @@ def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float 
 
 
 def seen_by_recursion(q: Floats) -> Floats:
-    """(L, 2^N) p_Q of Eq. 8: probability that all cameras of a subset Q see a position, from q (L, N, M).
+    """(L, 2^N) p_Q of [Ercan] Eq. 8: probability that all cameras of a subset Q see a position, from q (L, N, M).
 
     Column Q has bit i set for camera i; factors 1 - sum q are clipped at 0.
     """
@@ -226,7 +226,7 @@ def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta): probability that exactly the cameras of `eta` see a position, from p_Q by Eq. 9.
+    """(L,) p(eta): probability that exactly the cameras of `eta` see a position, from p_Q by [Ercan] Eq. 9.
 
     Args:
         seen: (L, 2^N) p_Q: probability that all cameras of the subset Q see it, by the subset's number.

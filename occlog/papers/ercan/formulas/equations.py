@@ -65,7 +65,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Mean ratio of the variance by Eq. 2 to that of readings by drawn cameras; with and without the printed square.
+    """Mean ratio of the variance by [Ercan] Eq. 2 to that of drawn readings; with and without the printed square.
 
     At the edge of the image, without noise of the readout. `n_points` is the number of random depths. The keys are
     name and x (NaN).
@@ -125,7 +125,7 @@ def _independent(q: Floats) -> Floats:
 
 
 def _cameras(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Share of the empty room that cameras of Fig. 5 see, and the error of pairs of them, by (name, NaN).
+    """Share of the empty room that cameras of [Ercan] Fig. 5 see, and the error of pairs of them, by (name, NaN).
 
     Means over `n_points` random positions, without occlusions.
     """
@@ -145,9 +145,10 @@ def _in_view(xy: Floats, position: Place) -> Floats:
 
 
 def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
-    """RMS over positions `xy` (N, 2) of the least error: two readings by Eq. 2, and a prior of a uniform's variance.
+    """Root mean square, over positions `xy` (N, 2), of the least error of two cameras' readings ([Ercan] Eq. 2).
 
-    `pair` has the numbers of the two cameras in `SQUARE`, from 1.
+    By the inverse information, with a prior that has the variance of a uniform distribution over the room. `pair` has
+    the numbers of the two cameras in `SQUARE`, from 1.
     """
     information = np.tile(12.0 / SIDE**2 * np.eye(2), (len(xy), 1, 1))
     for n in pair:
@@ -162,7 +163,7 @@ def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements of Secs. 3.1, 4.2 and 6.1 and of App. B, from the table of `equations`."""
+    """Verdicts on the statements of [Ercan] Secs. 3.1, 4.2 and 6.1 and of App. B, from the table of `equations`."""
     own = {row.series: row for row in table if math.isnan(row.x)}
     return [*_judge_noise(own), *_judge_occlusions(table, own), *_judge_cameras(own)]
 

@@ -63,7 +63,7 @@ PERFORMANCE = ("bearing", "ellipse")
 
 
 class HearingChange(NamedTuple):
-    """A case of Fig. 3-8: groups of objects heard before and from a time step on; a group is heard as one source.
+    """A case of [Lee] Fig. 3-8: groups of objects heard before and from a time step on; a group is heard as one source.
 
     `what` describes it; `edge` are objects at the end of the range then, `close` two objects with bearings that
     differ by the resolution.
@@ -92,7 +92,7 @@ CHANGES = {
 
 
 def change_trial(spec: Spec) -> dict[str, float]:
-    """Run the thesis' filter through a change of Fig. 3-8 without answers of cameras.
+    """Run the thesis' filter through a change of [Lee] Fig. 3-8 without answers of cameras.
 
     Args:
         spec: `case`, `seed`, `run`.
@@ -229,7 +229,7 @@ def judge_changes(table: Table) -> list[StatementVerdict]:
 
 
 class Sketch(NamedTuple):
-    """A case of Figs. 3-10, 3-11 or 3-13: where the particles of each model are, and which conditions hold.
+    """A case of [Lee] Figs. 3-10, 3-11 or 3-13: where the particles of each model are, and which conditions hold.
 
     `clouds` are triples (side, along, width): `side` is a share of the angle from z1, the bearing of the object, to
     z2, that of another; `along` a share of the distance from the near end to the far one; `width` a standard

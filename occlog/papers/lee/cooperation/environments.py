@@ -153,7 +153,7 @@ class Environment(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def environment(name: str, seed: int, run: int, variance: float | None = None) -> Environment:
-    """Simulate `open` (Fig. 3-4), `field` or `pair` (Fig. 3-7) or `room` (Sec. 3.4) with the noise of a run; cached.
+    """Simulate `open` ([Lee] Fig. 3-4), `field` or `pair` (Fig. 3-7), or `room` (Sec. 3.4); results are cached.
 
     Args:
         name: name of the environment.
@@ -194,7 +194,7 @@ def _steps(script: MotionScript) -> tuple[int, float]:
 
 
 def _drawn_paths(rng: np.random.Generator) -> str:
-    """Draw paths from the starts of Fig. 3-4; return them as YAML text."""
+    """Draw paths from the starts of [Lee] Fig. 3-4; return them as YAML text."""
     lines = ["occlog_paths: 1", "length_unit: m", "seconds: 200", "rate_hz: 1", "targets:"]
     for number, (x, y) in enumerate(OPEN_STARTS, start=1):
         speed, side = rng.uniform(*OPEN_SPEEDS), rng.uniform(-OPEN_SIDE, OPEN_SIDE)

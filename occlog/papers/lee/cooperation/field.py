@@ -139,7 +139,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def by_period(size: Size, execute: Execute) -> Table:
-    """Table of the RMSE against the period of asking cameras, in the environment of Fig. 3-4."""
+    """Table of the RMSE against the period of asking cameras, in the environment of [Lee] Fig. 3-4."""
     periods = QUICK_PERIODS if size.quick else PERIODS
     points: list[tuple[str, str, float, Values]] = [
         (name, form, p, {"cooperate": "periodic", "period_s": p}) for name, form in FORMS.items() for p in periods

@@ -88,7 +88,7 @@ def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list
 
 
 def judge_silence(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Fig. 3-19: fewer requests with answers, and that silence makes A1 ask."""
+    """Verdicts on the statements about [Lee] Fig. 3-19: fewer requests with answers, and that silence makes A1 ask."""
     out = judge_shares("fig3.19", 7.0, 11.0)(table)
     row = _average(table, f"A1, {WITH}", 5.0, 7.0)
     if row is not None:
@@ -105,7 +105,7 @@ def _certain(key: str, statement: str, row: PaperRow) -> StatementVerdict:
 
 
 def judge_final(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statement of Fig. 3-21 that with cameras the last positions are nearer to the truth."""
+    """Verdicts on the statement of [Lee] Fig. 3-21 that with cameras the last positions are nearer to the truth."""
     out = []
     for name in NAMES:
         points = v.matched(table, f"{name}, {WITH}", f"{name}, {WITHOUT}")

@@ -52,7 +52,7 @@ def declaration_trial(spec: Spec) -> dict[str, float]:
 
 
 def decision_value_of_case_studies(detected: Bools, qualities: Floats, prior: Floats | float) -> Floats:
-    """(N,) decision values as the case studies of Sec. 4.4.2 print them, with `CHANCE` for P_M and P_F.
+    """(N,) decision values as the case studies of [Lee] Sec. 4.4.2 print them, with `CHANCE` for P_M and P_F.
 
     They take log10 throughout, and log W where Eq. 4.13 has log W/(1 - W).  It is no likelihood ratio:
     a detection can only lose by its quality.

@@ -218,7 +218,7 @@ def _share(of: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> float:
 
 
 def judge_original(table: Table) -> list[StatementVerdict]:
-    """Verdicts on what Sec. 5.2.2 states about the printed example, Fig. 5-26, and the definition of the problem."""
+    """Verdicts on what [Lee] Sec. 5.2.2 states about the printed example, Fig. 5-26, and the problem's definition."""
     zero, delta = v.find(table, FORCE), v.find(table, DELTA)
     fine = np.arange(8.91, LAST, 0.01)
     negative = float(np.mean(diagonal(fine)[TOTAL] < 0.0))
@@ -325,7 +325,7 @@ def prevented_forces(size: Size, execute: Execute) -> Table:
 
 
 def judge_prevention(table: Table) -> list[StatementVerdict]:
-    """Verdicts on what Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
+    """Verdicts on what [Lee] Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
     positions = [row.mean for row in v.series(table, PLACE)]
     robots = printed_drive(PREVENTION)[1]
     back = [9.0, 10.0, 9.0, 10.0][: len(positions) - 3]

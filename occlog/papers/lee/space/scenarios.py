@@ -267,7 +267,7 @@ def sensors_table(size: Size, execute: Execute) -> Table:
 
 
 def judge_sensors(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statement of Sec. 2.4.5 that several sensors are better than one."""
+    """Verdicts on the statement of [Lee] Sec. 2.4.5 that several sensors are better than one."""
     out = []
     for way in WAYS:
         one, two = v.find(table, way, 1.0), v.find(table, way, 2.0)

@@ -28,7 +28,7 @@ MEAN = 4.0
 
 
 def table_of(name: str, size: Size, execute: Execute) -> Table:
-    """Table of the RMSE of each component and their average, for Table 2.1 or 2.2 (`name`), for each way to combine.
+    """Table of the RMSE of each component and their average, as [Lee] Table 2.1 or 2.2 (`name`), by way to combine.
 
     The printed rule selects the planes.
     """

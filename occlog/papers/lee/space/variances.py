@@ -125,8 +125,8 @@ def printed_projection(theta: Floats, phi: Floats) -> Floats:
 def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
     """Shares of random directions for which a printed statement is wrong, by name.
 
-    yz, zx: the projected angles of Eqs. 2.1 and 2.2. rule: the plane in addition to xy is not the better one of yz
-    and zx. band: for phi from 45 to 135 degrees the variance of yz is not below that of the measurement.
+    yz, zx: the projected angles of [Lee] Eqs. 2.1 and 2.2. rule: the plane in addition to xy is not the better one of
+    yz and zx. band: for phi from 45 to 135 degrees the variance of yz is not below that of the measurement.
     """
     theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)
     phi = np.arccos(rng.uniform(-1.0, 1.0, DIRECTIONS))
@@ -161,7 +161,7 @@ def xy_is_worst(seed: int) -> float:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on first order against Monte Carlo, and on the statements of Secs. 2.1.2 and 2.2.1."""
+    """Verdicts on first order against Monte Carlo, and on the statements of [Lee] Secs. 2.1.2 and 2.2.1."""
     points = []
     for row in table:
         if row.series.endswith(FIRST):

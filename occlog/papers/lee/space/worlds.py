@@ -87,7 +87,7 @@ class SpaceWorld(NamedTuple):
 
 
 def world(scenario: int, steps: int) -> SpaceWorld:
-    """World of `scenario` 1 to 4 of Sec. 2.4, or of `TABLE`, that of Tables 2.1 and 2.2, with `steps` instants."""
+    """World of [Lee] Sec. 2.4, `scenario` 1 to 4, or of Tables 2.1 and 2.2 (`TABLE`), with `steps` instants."""
     if scenario == TABLE:
         return _table_world(steps)
     dt = np.full(steps, STEP_S)
@@ -98,7 +98,7 @@ def world(scenario: int, steps: int) -> SpaceWorld:
 
 
 def _table_world(steps: int) -> SpaceWorld:
-    """World of Tables 2.1 and 2.2: constant velocity in x, a turn in yz, one array at the origin; `steps` instants."""
+    """World of [Lee] Tables 2.1 and 2.2, `steps` instants: one array; the target turns in yz, not in x."""
     states = np.empty((steps, 6))
     states[0] = TABLE_START
     turn = turn_matrix(TABLE_TURN / math.hypot(*TABLE_START[4:]), TABLE_STEP_S)  # of y, vy, z, vz

@@ -105,7 +105,7 @@ def _with(row: PaperRow, **more: float) -> PaperRow:
 
 
 def judge3(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Table 3: order of the methods, how much lower BMCT's rates are, and speed."""
+    """Verdicts on [Qu] Table 3: order of the methods, how much lower BMCT's rates are, and speed."""
     out = []
     for rate, name in RATES.items():
         own = {m: v.find(table, name, x) for x, m in enumerate(METHODS, start=1)}
