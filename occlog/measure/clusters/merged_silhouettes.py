@@ -102,7 +102,8 @@ def _window(x: float, y: float, height: float, rows: int, columns: int) -> tuple
 def not_covered(x: float, y: float, height: float, column: int, row: int) -> float:
     """Log probability that a person with centre (x, y) and a height, all in cells, does not cover a cell.
 
-    `column` and `row` are those of the cell, which must be in the window of the person (`_window`).
+    `column` and `row` are those of the cell, which must be within half a height of the centre, and in the person's
+    width.
     """
     down = min(max(int(((row - y) / height + 0.5) * ROWS), 0), ROWS - 1)
     across = min(max(int(((column - x) / (SPAN * height) + 0.5) * COLUMNS), 0), COLUMNS - 1)

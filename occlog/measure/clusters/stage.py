@@ -267,8 +267,14 @@ def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) 
 def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) -> float:
     """Foreground within one standard deviation of a person around the pixel (x, y), in units of a person's pixels.
 
-    The window is that of the cells touched by the deviations in x and y. `integral` is the integral image of the cells'
-    counts (`_integrate_into`), `side` that of a cell [px].
+    The window is that of the cells touched by the deviations in x and y.
+
+    Args:
+        integral: (rows + 1, columns + 1) integral image of the cells' numbers of foreground pixels.
+        x: column of the pixel.
+        y: row of the pixel.
+        side: side of a cell [px].
+        prior: size map of people for the camera.
     """
     at = grid_cell(prior, x, y)
     rx, ry = math.sqrt(prior.cov[at, 0]), math.sqrt(prior.cov[at, 2])

@@ -135,18 +135,18 @@ def without_grey_shadows(marked: Bytes, image: Bytes, empty: Bytes) -> Bytes:
 
 
 def _eroded(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Minimum filter of a mask over a rectangle of `columns` x `rows` pixels.
+    """Minimum filter (erosion) of a mask over a rectangle of `columns` x `rows` pixels.
 
-    For even sizes its centre is the mirror image of that of `_dilated`, so that both in turn shift nothing.
+    For even sizes its centre is the mirror image of that of the dilation here, so that both in turn shift nothing.
     """
     anchor = ((columns - 1) // 2, (rows - 1) // 2)
     return cv2.erode(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
 
 def _dilated(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Maximum filter of a mask over a rectangle of `columns` x `rows` pixels.
+    """Maximum filter (dilation) of a mask over a rectangle of `columns` x `rows` pixels.
 
-    For even sizes its centre is the mirror image of that of `_eroded`, so that both in turn shift nothing.
+    For even sizes its centre is the mirror image of that of the erosion here, so that both in turn shift nothing.
     """
     anchor = (columns // 2, rows // 2)
     return cv2.dilate(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
@@ -300,10 +300,13 @@ def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
 
 
 def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None:
-    """Size map from blobs (N, 2: row of the feet, height) [px] in images of one size; None without blobs.
+    """Size map from blobs of people in images of one size; None without blobs.
 
-    The height is linear in the row of the feet, or constant where `_allow_line` is false. `image_size` is width and
-    height [px].
+    The height is linear in the row of the feet, or constant if the blobs are few or in a small range of rows.
+
+    Args:
+        image_size: width and height of the images [px].
+        blobs: (N, 2) row of the feet, and height, of each blob [px].
     """
     if not len(blobs):
         return None

@@ -124,7 +124,7 @@ def _draw(
         canvas: camera and background of the view.
         t: number of the frame.
         paths: paths of the balls.
-        noise: sensor noise, from `_noise`.
+        noise: sensor noise of a long row of pixels; each row of the image takes a random section.
         depth: (H, W, 4) buffer of inf; restored at the end.
         label: (H, W, 4) buffer; its contents are overwritten.
     """
