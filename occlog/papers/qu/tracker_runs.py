@@ -77,10 +77,10 @@ class TrackerOutput(NamedTuple):
         view: (n,) number of the view.
         target: (n,) identity of the tracker.
         ellipse: (n, 5) centre x, y [px], half axes [px], angle of the first axis [rad].
-        mode: (n,) index in `MODES`; -1 in the first frame.
-        counterpart: (n,) see `TrackerOutlines`.
-        event: (n,) see `lifecycle` of `TrackerOutlines`.
-        ess: (n,) effective sample size, see `TrackerOutlines`; NaN in the first frame.
+        mode: (n,) index in `MODES` of the likelihood; -1 in the first frame.
+        counterpart: (n,) result of the loop check by another view: `NONE`, `BAD` or `GOOD`; 0: not checked.
+        event: (n,) `START` in the first frame, `LEFT` or `TERMINATED` if the tracker ended with the frame; else 0.
+        ess: (n,) effective sample size; NaN without particles, and in the first frame.
         seconds: (steps,) CPU time of each step of the method [s].
         parts: (k, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the steps [s];
             (0, 3) for a method that is not `timed`.

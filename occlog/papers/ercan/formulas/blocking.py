@@ -83,13 +83,16 @@ def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats
 
 
 def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floats:
-    """(L, N, M) probabilities that occluder j hides each of L positions from each of N cameras; see `blocking`.
+    """(L, N, M) probabilities that occluder j hides each of L positions from each of N cameras.
 
     Args:
         xy: (L, 2) positions.
         cameras: (N, 2) ground positions of the cameras.
         priors: priors of M occluders.
-        form: PRINTED, IMPROVED or QUADRATURE.
+        form: PRINTED, IMPROVED or QUADRATURE; they differ only for normal priors of two dimensions.
+
+    Raises:
+        ValueError: an unknown form.
     """
     out = np.zeros((len(xy), len(cameras), len(priors.sigma)))
     for i, camera in enumerate(cameras):
@@ -184,7 +187,7 @@ def independent(q: Floats, eta: Bools) -> Floats:
 
 
 def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta | u): exact probability that exactly the cameras of `eta` see a position, at least `floor`.
+    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, by the exact p_Q of all subsets.
 
     Overlaps of the cameras' rectangles are taken into account.
 
@@ -193,7 +196,7 @@ def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float 
         cameras: (N, 2) ground positions of the cameras.
         priors: priors of the occluders.
         eta: (N,) mask of the cameras that see the position.
-        floor: least value, >= 0; rounding alone may give -1e-16.
+        floor: least value of the result, >= 0; rounding alone may give -1e-16.
     """
     return pattern(seen_exactly(xy, cameras, priors), eta, floor)
 
