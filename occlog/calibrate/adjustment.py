@@ -67,16 +67,16 @@ MAX_LAG = 40
 
 
 class Observations(NamedTuple):
-    """N boxes of people at K knots (the time steps of each person, in order).
+    """N boxes of people at K knots, which are the time steps of each person's path, in order.
 
     Attributes:
-        camera: (N,) number of the camera.
-        knot: (N,) number of the knot.
-        delay: (N,) stamped time after that of the knot [s].
+        camera: (N,) index of the camera.
+        knot: (N,) index of the knot.
+        delay: (N,) stamped time of the box after the time of its knot [s].
         box: (N, 4) left, top, right, bottom [px].
-        use: (N, 4) edges that no border of the image cuts.
+        use: (N, 4) mask of edges that no border of the image truncates.
         first: (P + 1,) person p has the knots first[p] to first[p + 1] - 1.
-        time: (K,) of the knots [s].
+        time: (K,) times of the knots [s].
     """
 
     camera: Ints
@@ -97,9 +97,9 @@ class Clocks(NamedTuple):
     """Clocks of C cameras: true time = stamp - late - drift (stamp - origin).
 
     Attributes:
-        late: (C,) by how much each is late at the origin [s].
-        drift: (C,) by how much each is fast [1].
-        origin: stamp at which offsets are stated [s].
+        late: (C,) delay of each clock at the origin [s].
+        drift: (C,) relative rate by which each clock is fast.
+        origin: stamp at which `late` is stated [s].
     """
 
     late: Floats
@@ -107,14 +107,21 @@ class Clocks(NamedTuple):
     origin: float
 
     def errors(self, camera: Ints | int, stamps: Floats) -> Floats:
-        """(N,) delay [s] of the clocks of cameras (N,), or of one camera, at stamped times (N,) [s]."""
+        """(N,) errors [s] of the clocks of cameras `camera` (N,), or of one camera, at stamped times (N,) [s].
+
+        Subtract them from the stamps to get true times.
+        """
         return np.asarray(self.late[camera] + self.drift[camera] * (stamps - self.origin))
 
 
 class BodyPrior(NamedTuple):
-    """Prior of body sizes.
+    """Prior of body sizes, in scene units.
 
-    Mean height and width, their standard deviations, that of the mean height, and the length units in a metre.
+    Attributes:
+        height, width: mean height and width of people.
+        sigma_height, sigma_width: their standard deviations among people.
+        sigma_mean: standard deviation of the mean height.
+        metre: length of a metre in scene units.
     """
 
     height: float
@@ -126,25 +133,27 @@ class BodyPrior(NamedTuple):
 
 
 class NoiseModel(NamedTuple):
-    """Noise of box edges: a part in pixels, and a part proportional to the height of the box."""
+    """Standard deviation of box edges: `pixels` [px], and `relative` times the height of the box, in quadrature."""
 
     pixels: float
     relative: float
 
 
 class Adjusted(NamedTuple):
-    """Result of an adjustment.
+    """Result of a bundle adjustment of C cameras with K path knots and N boxes.
 
     Attributes:
-        cameras: with their poses.
-        values: (C, 12) changes of the parameters.
-        covariance: (C 12, C 12) of the parameters; 0 of those that are held.
-        states: (K, 6) of the people at the knots.
-        mean_height: of people.
-        residual: (N, 4) observed minus expected edges [px]; NaN: not used.
-        sigma: (N, 4) standard deviations of edges [px] that were found.
+        cameras: adjusted cameras with their poses.
+        values: (C, 12) changes of the parameters of each camera: rotation vector in its frame (3) [rad], translation in
+            the world (3), logarithm of the focal length, first radial coefficient, delay of the clock [s], its drift,
+            biases of the upper and lower edges of boxes, downwards [heights of the box].
+        covariance: (C 12, C 12) covariance of `values`, row by row; 0 for fixed ones.
+        states: (K, 6) x, y, vx, vy, height and width of the people at the knots.
+        mean_height: mean height of people, in scene units.
+        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
+        sigma: (N, 4) estimated standard deviations of the edges [px].
         correlation: largest factor by which correlation and outliers of errors widen variances.
-        converged: the search ended by itself.
+        converged: whether the search ended by itself.
     """
 
     cameras: list[Camera]
@@ -159,9 +168,10 @@ class Adjusted(NamedTuple):
 
 
 def changed(camera: Camera, values: Floats) -> Camera:
-    """Return a camera with its pose, focal length and distortion changed by parameters `values` (12,).
+    """Camera with its pose, focal length and distortion changed by parameters (12,); see `Adjusted.values`.
 
-    Clock and biases are not included.
+    Only the first eight have an effect: rotation vector in the camera's frame (3) [rad], translation in the world (3),
+    logarithm of the focal length, and first radial coefficient.
     """
     distortion = camera.distortion
     if values[RADIAL] != 0.0:
@@ -180,17 +190,16 @@ def changed(camera: Camera, values: Floats) -> Camera:
 
 @dataclass
 class Adjustment:
-    """Bundle adjustment of cameras and clocks; `run` minimises.
+    """Bundle adjustment of C cameras and clocks; `run` minimises.
 
     Attributes:
-        cameras: C cameras, from where the search starts.
-        seen: observations.
-        states: (K, 6) of the people at the knots, to start from.
-        body: of people.
-        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters; 0: held; inf: free.  Those of
-            the biases of edges are estimated from where they are not 0.
-        clocks: to start from, which are also the means of their priors.
-        noise: of the edges, to start from.
+        cameras: initial cameras.
+        seen: observed boxes at K knots of the paths.
+        states: (K, 6) initial x, y, vx, vy, height and width of the people at the knots; updated.
+        body: prior of body sizes.
+        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters; 0: fixed; inf: free.
+        clocks: initial clocks, which are also the means of their priors.
+        noise: initial noise of the edges.
     """
 
     cameras: Sequence[Camera]
@@ -202,7 +211,7 @@ class Adjustment:
     noise: NoiseModel
 
     def __post_init__(self) -> None:
-        """Initialise parameters and states at the start values."""
+        """Set parameters and noise to their start values; the states are copied."""
         C, seen = len(self.cameras), self.seen
         self.free = np.append((self.sigma_prior > 0.0).ravel(), [True] + [False] * (COMMON - 1))
         with np.errstate(divide="ignore"):
@@ -222,7 +231,11 @@ class Adjustment:
         self.biases = self._bias_slopes()
 
     def _bias_slopes(self) -> Floats:
-        """(N, 4, 7) derivatives of the box edges by the camera's and the common biases, at the start values."""
+        """(N, 4, 7) derivatives of the box edges left, top, right, bottom [px] by seven biases, at the start values.
+
+        The biases are the camera's own of the upper and of the lower edges, then those common to all cameras: of upper
+        and lower edges, the change of both with steepness, and the height of the widest part.
+        """
         seen, height = self.seen, self.body.height
         out, box = np.zeros((len(seen.camera), 4, COMMON + 1)), np.zeros((len(seen.camera), 4))
         delay, states = self._delays(self.values), self.states[seen.knot]
@@ -242,7 +255,10 @@ class Adjustment:
         return out
 
     def run(self) -> Adjusted:
-        """Minimise, rescale the noise, and minimise again; return the result with its covariance."""
+        """Adjust cameras, clocks, paths and body sizes to the boxes; return the result with its covariance.
+
+        A few searches of limited length, after each of which the noise is scaled to the residuals, then one to the end.
+        """
         for limit in ROUGH_ITERATIONS:
             self._search(limit)
             self._rescale()
@@ -258,7 +274,7 @@ class Adjustment:
         )  # fmt: skip
 
     def _search(self, limit: int) -> bool:
-        """Levenberg-Marquardt iterations up to a limit; return whether they converged."""
+        """Levenberg-Marquardt iterations up to a limit, updating values and states; return whether they converged."""
         damping = 1e-4
         equations = self._equations(self.values, self.states)
         for _ in range(limit):
@@ -279,13 +295,16 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each box relative to its knot [s], with the parameters `values`."""
+        """(N,) true time of each box after that of its knot [s], with the parameters `values` (C 12 + 6,)."""
         seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
 
     def _equations(self, values: Floats, states: Floats) -> _Equations:
-        """Residuals, cost and derivatives at the parameters `values` and the states (K, 6) of the paths."""
+        """Residuals, robust cost, weights and derivatives at the parameters `values` and the path states `states`.
+
+        Shapes (C 12 + 6,) and (K, 6): x, y, vx, vy, height, width at each knot.
+        """
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
         changes = values[:-COMMON].reshape(C, PARAMETERS)
@@ -313,7 +332,11 @@ class Adjustment:
         return float(0.5 * ((tall**2).sum() + (wide**2).sum() + (speed**2).sum()))
 
     def _camera_slopes(self, equations: _Equations) -> Floats:
-        """(N, 4, 17) derivatives of the expected boxes by the camera's parameters and the common biases."""
+        """(N, 4, 17) derivatives of the box edges left, top, right, bottom [px] by 12 parameters and 5 common biases.
+
+        The parameters are those of the box's camera. By central differences for pose and lens; 0 for parameters that
+        are fixed in all cameras.
+        """
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
         out = np.zeros((N, 4, PARAMETERS + COMMON - 1))
@@ -338,9 +361,9 @@ class Adjustment:
         return out
 
     def _paths(self, equations: _Equations, inflate: Floats) -> tuple[Floats, Floats, Floats]:
-        """Normal equations of the paths: blocks (K, 6, 6) on and below the diagonal, and right side (K, 6).
+        """Normal equations of the paths: diagonal blocks (K, 6, 6), blocks below them (K, 6, 6), and right side (K, 6).
 
-        `inflate` (4,): factors of the variances of the edges.
+        `inflate` (4,) are factors of the variances of the edges left, top, right, bottom.
         """
         seen, body, states = self.seen, self.body, equations.states
         K, first = len(seen.time), seen.first[:-1]
@@ -378,8 +401,8 @@ class Adjustment:
     def _reduced(self, equations: _Equations, damping: float, inflate: Floats = np.ones(4)) -> _Reduced:  # noqa: B008
         """Normal equations of the cameras after elimination of the paths (Schur complement).
 
-        `damping` is relative to the diagonal of the paths' blocks; `inflate` (4,): factors of the variances of the
-        edges.
+        `damping` is relative to the diagonal of the paths' blocks; `inflate` (4,) are factors of the variances of
+        the edges left, top, right, bottom.
         """
         seen, C, body = self.seen, len(self.cameras), self.body
         K, M = len(seen.time), len(self.values)
@@ -414,7 +437,7 @@ class Adjustment:
         return _Reduced(0.5 * (S + S.T), s, solved)
 
     def _step(self, equations: _Equations, damping: float) -> tuple[Floats, Floats]:
-        """Damped step: changes (n,) of the parameters, 0 for fixed ones, and of the states (K, 6).
+        """Damped step: changes (C 12 + 6,) of the parameters, 0 for fixed ones, and of the path states (K, 6).
 
         `damping` is relative to the diagonal of the equations (Levenberg-Marquardt).
         """
@@ -428,7 +451,7 @@ class Adjustment:
         return step, moved
 
     def _rescale(self) -> None:
-        """Re-estimate the noise of box edges and the accelerations of people from the residuals."""
+        """Re-estimate the noise of box edges and the acceleration of people from the residuals, in place."""
         equations = self._equations(self.values, self.states)
         use = equations.weight > 0.0
         shares, of_motion = self._absorbed(equations)
@@ -457,12 +480,12 @@ class Adjustment:
             self.motion = _motion(self.seen, self.body.metre, self.acceleration)
 
     def _absorbed(self, equations: _Equations) -> tuple[Floats, float]:
-        """Shares of the degrees of freedom of errors that the paths take up.
+        """Shares of the degrees of freedom of errors that the paths absorb, 0 to 1.
 
         The mean of the diagonal of the hat matrix, by random signs (Hutchinson 1990).
 
         Returns:
-            (2,) of left and right, and of upper and lower edges; and that of the accelerations.
+            (2,) of the left and right, and of the upper and lower edges; and that of the accelerations.
         """
         A, off, _ = self._paths(equations, np.ones(4))
         seen, motion, rng = self.seen, self.motion, np.random.default_rng(0)
@@ -483,7 +506,7 @@ class Adjustment:
         return np.clip(shares, 0.0, 0.9), float(np.clip(of_motion, 0.0, 0.99))
 
     def _correlation(self, equations: _Equations) -> Floats:
-        """Variance inflation factors (4,) of the normal equations, of each edge, for correlated errors.
+        """Variance inflation factors (4,) of the normal equations, of the edges left, top, right, bottom.
 
         Errors of one person in one camera are correlated in time, and those of left and right edges with each other;
         the equations of an M-estimator use mean weights in place of the derivative of the influence function.
@@ -524,7 +547,7 @@ class Adjustment:
 
         Args:
             equations: normal equations at the solution.
-            correlation: (4,) variance inflation factors of the edges.
+            correlation: (4,) variance inflation factors of the edges left, top, right, bottom.
         """
         exact = self._reduced(equations, 0.0).matrix
         gain = self._inverse(exact) @ (exact * self.sigma_bias)
@@ -533,12 +556,12 @@ class Adjustment:
 
 
 def _time_factor(x: Floats, group: Ints, total: float) -> float:
-    """Factor by which the variance of a mean exceeds that of independent errors, at least 1 (autocorrelation in time).
+    """Factor by which autocorrelation in time widens the variance of a mean of errors, at least 1.
 
     Args:
-        x: (N, E) errors, those of a group in the order of time.
-        group: (N,) of each.
-        total: sum of squares of independent errors.
+        x: (N, E) errors, those of a group one after the other in the order of time.
+        group: (N,) group of each row.
+        total: sum of squares expected for independent errors.
     """
     factor = float((x**2).sum()) / max(total, 1e-12)
     for lag in range(1, MAX_LAG + 1):
@@ -570,7 +593,10 @@ class _Reduced(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """Gaussian prior of the paths: precision and transition from each knot to the next of the same person."""
+    """Gaussian prior of the paths: transition matrix and precision from each knot to the next of the same person.
+
+    `inner` (L,) are the knots with a successor; `transition` and `precision` (L, 6, 6) of x, y, vx, vy, height, width.
+    """
 
     inner: Ints  # (L,) knots with a successor
     transition: Floats  # (L, 6, 6)
@@ -590,12 +616,12 @@ class _Motion(NamedTuple):
         return float(0.5 * np.einsum("li,lij,lj->", off, self.precision, off))
 
     def add(self, states: Floats, A: Floats, g: Floats) -> Floats:
-        """Add the prior to diagonal blocks and right side, in place; return the (K, 6, 6) blocks below the diagonal.
+        """Add the prior to the normal equations of the paths, in place; return the blocks (K, 6, 6) below the diagonal.
 
         Args:
             states: (K, 6) states of all paths.
-            A: (K, 6, 6) diagonal blocks.
-            g: (K, 6) right side.
+            A: (K, 6, 6) diagonal blocks, updated.
+            g: (K, 6) right side, updated.
         """
         off, P, F = self._off(states), self.precision, self.transition
         PF = P @ F
@@ -612,9 +638,9 @@ def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
     """Prior of the paths: white acceleration, nearly constant body size.
 
     Args:
-        seen: has the times of the paths' states.
-        metre: a metre in scene units.
-        acceleration: spectral density [m^2/s^3].
+        seen: has the times of the paths' knots.
+        metre: length of a metre in scene units.
+        acceleration: spectral density of the acceleration per axis [m^2/s^3].
     """
     last = seen.first[1:] - 1
     inner = np.setdiff1d(np.arange(len(seen.time)), last)
@@ -637,7 +663,7 @@ def _roots(motion: _Motion) -> Floats:
 
 
 def _banded(diagonal: Floats, below: Floats) -> Floats:
-    """(12, 6 T) lower banded form of a symmetric block tridiagonal matrix.
+    """(12, 6 T) lower banded form, as `scipy.linalg.solveh_banded` takes it, of a symmetric block tridiagonal matrix.
 
     `diagonal` (T, 6, 6) and `below` (T - 1, 6, 6) are its blocks.
     """

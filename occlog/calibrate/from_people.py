@@ -51,7 +51,8 @@ MAX_BOXES = 60_000
 def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOutput:
     """Calibrate cameras by people who walk, and microphone arrays by people who speak.
 
-    InputError for boxes of fewer than two cameras.
+    Returns the scene with the calibrated sensors, checks and figures. InputError for boxes of fewer than two
+    cameras, or if these do not determine the poses.
     """
     config = configure(CalibrateConfig(), request.settings)
     inputs = ImageInput(
@@ -132,13 +133,13 @@ def _images(inputs: ImageInput, found: Calibrated) -> dict[str, Image]:
 
 
 class Start(NamedTuple):
-    """Where the search begins.
+    """Initial cameras of the search.
 
     Attributes:
-        cameras: with the poses that are stated, or follow from marked points.
-        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths that are estimates; else 0.
-        marked: cameras with marked points.
-        guessed: focal lengths of cameras of which the image size alone is known, by name.
+        cameras: C cameras, with poses that are stated or follow from marked points.
+        sigma_log_focal: (C,) standard deviations of the logarithms of estimated focal lengths; 0: stated.
+        marked: results for cameras with marked points.
+        guessed: focal lengths by name of cameras of which only the image size is known.
     """
 
     cameras: list[Camera]
@@ -147,7 +148,7 @@ class Start(NamedTuple):
     guessed: dict[str, FocalEstimate]
 
     def checks(self, found: Calibrated) -> tuple[Check, ...]:
-        """Findings about focal lengths that were estimated for the start."""
+        """Findings about focal lengths of which only the image size was known before."""
         out = []
         for each in found.cameras:
             if each.estimated and each.camera.name in self.guessed:
@@ -160,13 +161,15 @@ class Start(NamedTuple):
 def _start(
     request: CalibrateRequest, cameras: Sequence[Camera], frames: Sequence[FrameDetectionsWithIds], height: float
 ) -> Start:
-    """Initial poses from marked points, and focal lengths of cameras with a known image size only.
+    """Initial poses from marked points, and focal lengths of cameras of which only the image size is known.
+
+    InputError for a camera without a lens and an image size.
 
     Args:
-        request: has the file of marked points.
-        cameras: as stated.
+        request: has the file of marked points, and whether stated poses are ignored.
+        cameras: stated cameras.
         frames: boxes of people.
-        height: of a person, in scene units.
+        height: mean height of a person, in scene units.
     """
     out = [replace(c, placed=False) if request.ignore_poses else c for c in cameras]
     sigma = np.zeros(len(out))
@@ -202,7 +205,7 @@ def _marked_figures(each: MarkedPose) -> dict[str, object]:
 
 
 def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[FrameDetectionsWithIds]:
-    """Frames from the beginning, up to the one that reaches `MAX_BOXES` boxes; a note if there are more."""
+    """Frames from the beginning, up to the one that reaches `MAX_BOXES` boxes; notes if more follow."""
     out: list[FrameDetectionsWithIds] = []
     boxes = 0
     for each in job.progress(frames, "read"):
@@ -218,7 +221,7 @@ def _first_frames(frames: Iterable[FrameDetectionsWithIds], job: Job) -> list[Fr
 def _scene(scene: Scene, found: Calibrated, *, placed: bool) -> Scene:
     """Return the scene with the calibrated cameras, their uncertainty as pose noise, and significant clock offsets.
 
-    `placed`: the result is in the world of the scene; otherwise its room and its other sensors are dropped.
+    `placed`: the result is in the world of the scene; otherwise the room, occluders and other sensors are dropped.
     """
     own = {each.camera.name: each for each in found.cameras if each.estimated}
     clocks = {clock.name: clock for clock in scene.clocks}
@@ -247,7 +250,7 @@ def _sigma_yaw(each: CameraResult) -> float:
 
 
 def _figures(each: CameraResult) -> dict[str, object]:
-    """Figures of one camera: estimates with standard deviations."""
+    """Figures of one camera for the summary: estimates with standard deviations."""
     if not each.estimated:
         return {"estimated": False}
     yaw, pitch, roll = np.degrees(angles_from_rotation(each.camera.rotation)).tolist()
@@ -268,7 +271,7 @@ def _figures(each: CameraResult) -> dict[str, object]:
 
 
 def _frame(found: Calibrated) -> dict[str, float]:
-    """Standard deviations of common position, yaw and scale of all cameras, if determined."""
+    """Standard deviations of position, yaw and scale common to all cameras, by name; undetermined ones are left out."""
     x, y, yaw, scale = found.sigma_frame.tolist()
     values = {"x": x, "y": y, "yaw_deg": float(np.degrees(yaw)), "scale": scale}
     return {name: round(value, 4) for name, value in values.items() if np.isfinite(value)}
@@ -277,7 +280,8 @@ def _frame(found: Calibrated) -> dict[str, float]:
 def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> tuple[Check, ...]:
     """Checks of the calibration with their findings.
 
-    `stated` are the cameras before, in the order of `found.cameras`; `metre` is a metre in scene units.
+    `stated` are the cameras before the calibration, in the order of `found.cameras`; `metre` is the length of a
+    metre in scene units.
     """
     known = any(c.has_height for c in stated)
     return (
@@ -296,16 +300,17 @@ def _missing(found: Calibrated) -> Iterator[Check]:
 
 
 def _loose(found: Calibrated) -> Iterator[Check]:
-    """Parameters that were asked for and are not determined."""
+    """Report parameters that were to be estimated and that the boxes do not determine."""
     for each in found.cameras:
         for name in each.undetermined:
             yield finding(PARAMETERS, "parameter-undetermined", sensors=[each.camera.name], parameter=name)
 
 
 def _moved(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig, metre: float) -> Iterator[Check]:
-    """Report cameras with a pose farther from the stated one than its uncertainty allows.
+    """Report cameras with a pose farther from the stated one than `MAX_MOVED` times its standard deviation.
 
-    `stated` are the cameras before, in the order of `found.cameras`; `metre` is a metre in scene units.
+    `stated` are the cameras before the calibration, in the order of `found.cameras`; `metre` is the length of a
+    metre in scene units.
     """
     for each, camera in zip(found.cameras, stated, strict=True):
         if not (each.estimated and camera.has_height):

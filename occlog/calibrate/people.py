@@ -32,10 +32,10 @@ class Tracklet(NamedTuple):
     """Track of a person in the images of one camera, with ground positions.
 
     Attributes:
-        camera: number of the camera.
+        camera: index of the camera.
         t_s: (n,) stamped times [s].
         boxes: (n, 4) left, top, right, bottom [px].
-        xy: (n,) x + i y on the ground, in the world.
+        xy: (n,) positions on the ground as x + i y, in the world.
     """
 
     camera: int
@@ -47,10 +47,12 @@ class Tracklet(NamedTuple):
 def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Complexes:
     """(T,) positions linearly interpolated at the times of a grid; NaN outside and in gaps.
 
+    NaN everywhere for fewer than two samples.
+
     Args:
         t_s: (n,) rising times of the samples [s].
-        xy: (n,) complex positions.
-        times: (T,) of the grid [s].
+        xy: (n,) positions as x + i y.
+        times: (T,) times of the grid [s].
         max_gap_s: longest interval that is interpolated [s].
     """
     out = np.interp(times, t_s, xy.real) + 1j * np.interp(times, t_s, xy.imag)
@@ -62,14 +64,17 @@ def on_grid(t_s: Floats, xy: Complexes, times: Floats, max_gap_s: float) -> Comp
 
 
 def persons(tracklets: Sequence[Tracklet], clocks: Clocks, times: Floats, max_gap_s: float, height: float) -> Ints:
-    """(n,) index of the person of each tracklet: tracklets of several cameras that coincide on the ground.
+    """(n,) person of each tracklet, as index of one of its tracklets; those that coincide on the ground are joined.
+
+    Tracklets of two cameras are joined greedily, pairs with the most common times and least distance first, unless two
+    tracks of one camera would be of one person at the same time.
 
     Args:
-        tracklets: of all cameras.
-        clocks: of the cameras.
-        times: grid on which positions are compared [s].
-        max_gap_s: longest gap of a tracklet that is interpolated.
-        height: of a person.
+        tracklets: n tracklets of all cameras.
+        clocks: clocks of the cameras.
+        times: (T,) grid of times at which positions are compared [s].
+        max_gap_s: longest gap of a tracklet that is interpolated [s].
+        height: height of a person, in the unit of the positions; it scales the largest distance.
     """
     n = len(tracklets)
     grid = np.array([on_grid(t.t_s - clocks.errors(t.camera, t.t_s), t.xy, times, max_gap_s) for t in tracklets])
@@ -104,9 +109,9 @@ def persons(tracklets: Sequence[Tracklet], clocks: Clocks, times: Floats, max_ga
 
 
 def _conflict(a: dict[int, np.ndarray], b: dict[int, np.ndarray]) -> bool:
-    """Whether two groups of tracklets contain tracks of the same camera at the same times.
+    """Whether two groups of tracklets have tracks of one camera at more than `MAX_CONFLICTS` common times.
 
-    a and b map a camera to a mask of the time steps at which the group has a track there.
+    `a` and `b` map a camera to the mask (T,) of times at which the group has a track there.
     """
     return any(np.count_nonzero(a[c] & b[c]) > MAX_CONFLICTS for c in set(a) & set(b))
 
@@ -118,14 +123,17 @@ def observations(
     sizes: Sequence[tuple[int, int] | None],
     body: BodyPrior,
 ) -> tuple[Observations, Floats]:
-    """Observations of people for the bundle adjustment, and initial states.
+    """Arrange boxes of people as observations for the bundle adjustment; also return initial states (K, 6).
+
+    Paths are split at gaps of `MAX_GAP_S`; those that too few cameras see are dropped, and at most `MAX_KNOTS`
+    knots used. States are x, y, vx, vy, height, width.
 
     Args:
-        rows: person, camera, stamped time [s], box (4,), and position on the ground.
-        clocks: of the cameras.
-        window_s: observations this near in time are of one time step.
-        sizes: (C,) width and height of the images; None: not known.
-        body: of people.
+        rows: person, camera, stamped time [s], box (4,), and ground position as x + i y, of each box.
+        clocks: clocks of the cameras.
+        window_s: boxes at most this far apart are of one time step [s].
+        sizes: (C,) width and height of the images [px]; None: unknown.
+        body: prior of body sizes.
     """
     by_person: dict[int, list[int]] = {}
     stamps = np.array([row[2] for row in rows])

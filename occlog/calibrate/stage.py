@@ -85,15 +85,16 @@ class CameraResult(NamedTuple):
     """Calibration result of one camera.
 
     Attributes:
-        camera: with its pose.
-        estimated: it was; else it is left as it was stated.
-        sigma: (12,) standard deviations of its parameters, in the order of `adjustment`, relative to all cameras
-            together; NaN: not estimated.
-        late_s: by how much its clock is late at the begin of the recording [s].
-        drift_ppm: by how much its clock is fast against that of one of the cameras [ppm]; 0 where it is not determined.
+        camera: camera with its pose.
+        estimated: whether it was estimated; otherwise it is left as stated.
+        sigma: (12,) standard deviations relative to all cameras together, NaN if not estimated: rotation vector (3)
+            [rad], position (3), log of the focal length, first radial coefficient, delay of the clock [s], its drift,
+            biases of the upper and lower edges of boxes [heights of the box].
+        late_s: delay of its clock at the beginning of the recording [s].
+        drift_ppm: by how much its clock is fast against that of one of the cameras [ppm]; 0 where undetermined.
         boxes: number of boxes that determine it.
-        rms_px: root mean square of their residuals, robust [px].
-        undetermined: names of parameters that were asked for and that the boxes do not determine.
+        rms_px: robust root mean square of their residuals [px].
+        undetermined: names of parameters that were to be estimated and that the boxes do not determine.
     """
 
     camera: Camera
@@ -107,7 +108,7 @@ class CameraResult(NamedTuple):
 
     @property
     def is_late(self) -> bool:
-        """Whether the clock offset is significant and large enough to matter."""
+        """Whether the clock's offset is above 3 standard deviations and `MIN_LATE_S`, or its drift is significant."""
         return self.estimated and (
             abs(self.late_s) > max(3.0 * float(self.sigma[LATE]), MIN_LATE_S) or self.is_drifting
         )
@@ -119,19 +120,19 @@ class CameraResult(NamedTuple):
 
 
 class Calibrated(NamedTuple):
-    """Calibration result of all cameras.
+    """Calibration result of C cameras.
 
     Attributes:
-        cameras: in the order of the input.
-        people: number of people who determine it.
-        mean_height: of people.
-        sigma_frame: standard deviations of all cameras together: x, y (scene's unit), yaw [rad], scale [1].
+        cameras: results in the order of the input.
+        people: number of people who determine them.
+        mean_height: mean height of people, in scene units.
+        sigma_frame: (4,) standard deviations common to all cameras: x, y (scene units), yaw [rad], scale [1].
         covariance: (C 12, C 12) of the parameters, relative to all cameras together.
         correlation: factor by which the correlation of the boxes' errors in time widens variances.
-        converged: the adjustment ended by itself.
-        seen: boxes that determine it.
-        residual: (N, 4) of them, observed minus expected edges [px]; NaN: not used.
-        paths: of the people, by the common clock.
+        converged: whether the adjustment ended by itself.
+        seen: N boxes that determine the result.
+        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
+        paths: paths of the people, by the common clock.
     """
 
     cameras: list[CameraResult]
@@ -147,7 +148,7 @@ class Calibrated(NamedTuple):
 
 
 class _Estimate(NamedTuple):
-    """Cameras and clocks between rounds of the estimation."""
+    """Cameras and clocks between the rounds of the estimation."""
 
     cameras: list[Camera]
     clocks: Clocks
@@ -167,22 +168,22 @@ def calibrate(
     step: Callable[[str], None] = lambda _: None,
     sigma_log_focal: Floats | None = None,
 ) -> Calibrated:
-    """Calibrate cameras and clocks.
+    """Calibrate cameras and clocks from boxes of walking people.
 
     Args:
         frames: boxes of all cameras, in the order of time.
-        scene: with the room and the occluders of the tracker.
-        cameras: C cameras with intrinsics; the poses of those that are placed are where the search begins.
+        scene: gives room and occluders to the tracker.
+        cameras: C cameras with intrinsics; poses of those that have one are where the search begins.
         config: settings.
-        metre: of which the scene's unit has this many.
-        estimate: more than poses and clocks: `focal`, `radial`.
-        seed: of the tracker's random numbers.
-        step: is called with the name of each step.
-        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths that are no more than estimates, of
-            which the first radial coefficient is estimated, too; 0: `estimate` applies; None: of no camera.
+        metre: length of a metre in scene units.
+        estimate: parameters to estimate in addition to poses and clocks: `focal`, `radial`.
+        seed: seed of the tracker's random numbers.
+        step: function that is called with the name of each step.
+        sigma_log_focal: (C,) standard deviations of the logarithms of focal lengths that are rough estimates, of which
+            the first radial coefficient is estimated, too; 0: `estimate` applies; None: 0 for all.
 
     Raises:
-        InputError: no two cameras see the same people.
+        InputError: no two cameras see the same people, or no person is tracked.
     """
     C, height = len(cameras), config.person_height * metre
     step("track")
@@ -246,7 +247,7 @@ def calibrate(
 
 
 def _rows(tracklets: Sequence[Tracklet], group: Ints) -> Rows:
-    """Boxes of tracks with the indices of their persons; `group` (n,) has the person of each of n tracklets."""
+    """Boxes of tracklets with their persons, as rows of `observations`; `group` (n,) has each tracklet's person."""
     return [
         (int(person), t.camera, float(when), box, complex(at))
         for person, t in zip(group, tracklets, strict=True)
@@ -259,14 +260,17 @@ def _loose_names(loose: Bools) -> tuple[str, ...]:
 
 
 def _after(now: _Estimate, done: Adjusted) -> Clocks:
-    """Clocks of the cameras in the estimate `now`, plus the corrections of offset and drift in `done`."""
+    """Clocks of the estimate `now`, with the corrections of offset and drift in `done` added."""
     return now.clocks._replace(
         late=now.clocks.late + done.values[:, LATE], drift=now.clocks.drift + done.values[:, DRIFT]
     )
 
 
 def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: Camera) -> list[tuple[Floats, Floats]]:
-    """Stamped times (n,) [s] and boxes (n, 4) of each image track of camera `c`."""
+    """Track people in the images of camera `c` (SORT); return stamped times (n,) [s] and boxes (n, 4) of each track.
+
+    Boxes are left, top, right, bottom [px].
+    """
     tracks = CameraTracks(camera, SortConfig())
     for each in frames:
         if each.detections.camera == c:
@@ -277,9 +281,9 @@ def tracks_in_images(frames: Sequence[FrameDetectionsWithIds], c: int, camera: C
 
 
 def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
-    """(T,) time grid [s] on which paths are compared; InputError if no person is tracked.
+    """(T,) time grid [s] on which paths are compared, at most `MAX_GRID` steps; InputError if no person is tracked.
 
-    `boxes` are, for each camera, times and boxes of its image tracks.
+    `boxes` are, for each camera, times [s] and boxes of its image tracks.
     """
     every = [t for own in boxes for t, _ in own if len(t) > 1]
     if not every:
@@ -294,14 +298,14 @@ def _grid(boxes: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
 def _tracklets(
     c: int, camera: Camera, plane: GroundPlane | None, boxes: Sequence[tuple[Floats, Floats]], height: float
 ) -> list[Tracklet]:
-    """Image tracks of camera `c` with ground positions in its level frame.
+    """Image tracks of camera `c` with ground positions in its level frame, which has its origin below the camera.
 
     Args:
         c: index of the camera.
-        camera: the camera.
+        camera: camera with its intrinsics.
         plane: its height and tilt; None: unknown, so that there are no tracklets.
-        boxes: times (n,) and boxes (n, 4) of each image track.
-        height: of a person, in scene units; positions many heights away are left out.
+        boxes: times (n,) [s] and boxes (n, 4) of each image track.
+        height: height of a person, in scene units; positions many heights away are left out.
     """
     out = []
     for t, own in boxes if plane is not None else ():
@@ -320,14 +324,14 @@ def _aligned(
     config: CalibrateConfig,
     metre: float,
 ) -> list[PlanarPose | None]:
-    """Poses of the C cameras in a common frame; None for a camera that shares no people with the others.
+    """Planar poses of the C cameras in a common frame; None for a camera that shares no people with the others.
 
     Args:
-        cameras: as stated; poses of a pair limit the search.
-        tracklets: of each camera, on the ground in its level frame.
+        cameras: stated cameras; stated poses of a pair limit the search.
+        tracklets: tracklets of each camera, on the ground in its level frame.
         times: (T,) grid of times [s].
         config: height of people and uncertainty of stated poses.
-        metre: a metre in scene units.
+        metre: length of a metre in scene units.
     """
     step, C = float(times[1] - times[0]), len(cameras)
     height = config.person_height * metre
@@ -348,7 +352,7 @@ def _aligned(
 
 
 def _relative(a: Camera, b: Camera) -> PlanarPose:
-    """Relative pose of camera b in the level frame of camera a."""
+    """Stated planar pose of camera b in the level frame of camera a, with a clock offset of 0."""
     turned = angles_from_rotation(a.rotation)[0]
     away = complex(*(b.position - a.position)[:2].tolist())
     return PlanarPose(angles_from_rotation(b.rotation)[0] - turned, complex(np.exp(-1j * turned) * away), 0.0)
@@ -357,9 +361,9 @@ def _relative(a: Camera, b: Camera) -> PlanarPose:
 def _initial(
     cameras: Sequence[Camera], planes: Sequence[GroundPlane | None], poses: Sequence[PlanarPose | None], times: Floats
 ) -> _Estimate:
-    """Initial cameras and clocks in the common frame of the alignment; cameras without plane or pose are as they were.
+    """Initial cameras and clocks in the common frame of the alignment; cameras without plane or pose are unchanged.
 
-    `times` (T,) is the grid of times [s] of which the poses' offsets count steps.
+    `times` (T,) is the grid of times [s] in steps of which the clock offsets of `poses` are.
     """
     out, late = [], np.zeros(len(cameras))
     for c, (camera, plane, pose) in enumerate(zip(cameras, planes, poses, strict=True)):
@@ -385,9 +389,9 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
     Args:
         count: number of cameras.
-        estimate: `focal` and `radial`, as far as they are estimated.
-        clocks: offsets of clocks are estimated.
-        drift: their drift is, too.
+        estimate: parameters of lenses that are estimated: `focal`, `radial`.
+        clocks: whether offsets of clocks are estimated.
+        drift: whether their drifts are estimated, too.
     """
     sigma = np.zeros((count, PARAMETERS))
     sigma[:, TURN] = sigma[:, SHIFT] = np.inf
@@ -399,21 +403,18 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """Which of the 12 parameters of each camera have a finite prior that the data hardly narrow.
+    """(C, 12) mask of the cameras' parameters with a finite prior that the data hardly narrow.
 
     Args:
         done: adjustment, with the covariance of the parameters.
-        sigma: (C, 12) prior standard deviations; 0: held; inf: free.
-
-    Returns:
-        (C, 12) mask.
+        sigma: (C, 12) prior standard deviations; 0: fixed; inf: free.
     """
     found = np.sqrt(np.maximum(np.diag(done.covariance), 0.0)).reshape(sigma.shape)
     return np.asarray(np.isfinite(sigma) & (sigma > 0.0) & (found > DETERMINED * sigma))
 
 
 def _with_lens(camera: Camera, stated: Camera) -> Camera:
-    """The camera with the stated focal length and distortion."""
+    """Return the camera with the focal length and distortion of the camera `stated`."""
     return replace(camera, focal_px=stated.focal_px, distortion=stated.distortion)
 
 
@@ -422,13 +423,13 @@ def _adjusted(
 ) -> tuple[Adjusted, Observations]:
     """Run a bundle adjustment; return its result and the observations. InputError without people seen by two cameras.
 
-    The gauge is fixed by holding x and y of two distant cameras, and one clock.
+    The gauge is fixed by x and y of the two cameras farthest apart, and by the clock of the one with most boxes.
 
     Args:
-        rows: boxes with their persons.
-        now: cameras and clocks to start from.
-        used: (C,) cameras that are adjusted.
-        body: prior of people's size.
+        rows: boxes with their persons (see `observations`).
+        now: initial cameras and clocks.
+        used: (C,) mask of cameras that are adjusted.
+        body: prior of body sizes.
         sigma: (C, 12) prior standard deviations; 0: fixed, inf: free.
         window_s: width of a time step [s].
     """
@@ -450,7 +451,7 @@ def _adjusted(
 
 
 def _scaled_to(now: _Estimate, scale: float) -> _Estimate:
-    """Multiply all lengths of the cameras by a scale."""
+    """Multiply the positions of the cameras by a scale; clocks are unchanged."""
     return _Estimate([replace(c, position=c.position * scale) for c in now.cameras], now.clocks)
 
 
@@ -465,14 +466,17 @@ def _associated(
 ) -> Rows:
     """Associate boxes with people by the multi-camera tracker, with the current cameras and clocks.
 
+    Returns the boxes that are with probability `MIN_ASSOCIATION` or more of one person alone, as rows of
+    `observations`.
+
     Args:
         frames: boxes of all cameras.
-        scene: of which the cameras count alone.
-        now: cameras and clocks.
-        used: (C,) cameras that are tracked with.
+        scene: scene, of which only what is independent of the world frame is used.
+        now: current cameras and clocks.
+        used: (C,) mask of cameras that are used.
         config: height of people.
-        metre: a metre in scene units.
-        seed: of the tracker.
+        metre: length of a metre in scene units.
+        seed: seed of the tracker.
     """
     number = np.cumsum(used) - 1
     shifted = []
@@ -528,13 +532,13 @@ def _placed(
 
     Args:
         stated: C cameras as stated.
-        done: adjustment.
+        done: result of the adjustment.
         seen: its observations.
-        clocks: of the cameras.
-        used: (C,) cameras that were adjusted.
+        clocks: clocks of the cameras.
+        used: (C,) mask of cameras that were adjusted.
         config: height of people and uncertainty of stated poses.
-        metre: a metre in scene units.
-        loose: (C, 12) parameters that the data hardly narrow.
+        metre: length of a metre in scene units.
+        loose: (C, 12) mask of parameters that the data hardly narrow.
     """
     own = np.flatnonzero(used)
     known = [c for c in own.tolist() if stated[c].placed and stated[c].position[2] > 0.0]
@@ -588,7 +592,7 @@ def _placed(
 
 
 def _paths(seen: Observations, times: Floats, at: Complexes) -> list[Path]:
-    """Paths of the people at the times (K,) and positions (K,) of the knots."""
+    """Paths of the people from the times (K,) [s] and positions (K,), x + i y, of all knots."""
     ends = zip(seen.first[:-1].tolist(), seen.first[1:].tolist(), strict=True)
     return [Path(times[a:b], at[a:b]) for a, b in ends]
 
@@ -605,19 +609,19 @@ def _result(
     mean_height: float,
     undetermined: Sequence[tuple[str, ...]],
 ) -> Calibrated:
-    """Assemble the result of an adjustment, with cameras in world coordinates.
+    """Assemble the result of an adjustment, with cameras in world coordinates; without paths.
 
     Args:
-        stated: C cameras as stated, which those that are not used keep.
-        cameras: the calibrated ones.
-        done: adjustment.
+        stated: C cameras as stated; those that were not adjusted are returned so.
+        cameras: C calibrated cameras.
+        done: result of the adjustment.
         seen: its observations.
-        clocks: of the cameras.
-        used: (C,) cameras that were adjusted.
+        clocks: clocks of the cameras.
+        used: (C,) mask of cameras that were adjusted.
         covariance: (C 12, C 12) of the parameters.
-        frame: (4,) standard deviations of all cameras together: x, y, yaw [rad], scale [1].
-        mean_height: of people.
-        undetermined: of each camera, names of parameters that the data hardly narrow.
+        frame: (4,) standard deviations common to all cameras: x, y, yaw [rad], scale [1].
+        mean_height: mean height of people.
+        undetermined: for each camera, names of parameters that the data hardly narrow.
     """
     own = np.flatnonzero(used)
     # Offsets at the begin, as a scene states them
@@ -653,11 +657,11 @@ def _inner(covariance: Floats, cameras: Sequence[Camera], own: Ints, scale: floa
     S-transformation (Baarda 1973): mean x, y, yaw and scale of the camera positions are held fixed.
 
     Args:
-        covariance: (C 12, C 12) in the frame of the adjustment.
+        covariance: (C 12, C 12) of the parameters in the frame of the adjustment.
         cameras: C cameras in the world.
         own: indices of those that were adjusted.
-        scale: of the world over that of the adjustment.
-        turned: (3, 3) rotation to the world.
+        scale: scale of the world over that of the adjustment.
+        turned: (3, 3) rotation from the frame of the adjustment to the world.
     """
     C = len(cameras)
     J = np.zeros((C * PARAMETERS, C * PARAMETERS))

@@ -36,7 +36,7 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
 
     Args:
         plan: has the files and how they are read.
-        scene: has the cameras.
+        scene: scene with the cameras.
         note: called with the text of the note.
 
     Returns:

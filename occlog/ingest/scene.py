@@ -162,7 +162,7 @@ def with_stated_sizes(
     Args:
         frames: sizes of images, by camera.
         survey: of the box files; None: there are none.
-        scene: has the cameras.
+        scene: scene with the cameras.
         given: width and height that the user gives; None: not given.
 
     Raises:

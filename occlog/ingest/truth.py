@@ -34,7 +34,7 @@ def check_truth_consistency(
 
     Args:
         tables: true positions first, then true boxes.
-        scene: has the cameras.
+        scene: scene with the cameras.
         path: file of the truth, for messages.
         note: called with remarks for the user.
 

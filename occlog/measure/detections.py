@@ -13,7 +13,10 @@ PERSON_HEIGHT = {"m": 1.7, "ft": 5.6, "in": 67.0}
 
 
 class Detections(NamedTuple):
-    """Regions, bearings and losses of one part of a recording."""
+    """Views, bearings and losses of one part of a recording.
+
+    `frames` counts the frames that gave a result, `warmup` those that only trained the background model.
+    """
 
     views: Views
     bearings: Bearings

@@ -154,7 +154,7 @@ class ExperimentResult:
     """Floor plans and frames by name."""
 
     def as_dict(self) -> dict[str, object]:
-        """Return the finding without table and pictures, as plain values for JSON."""
+        """Experiment, size and verdicts, without table and pictures, as plain values for JSON."""
         e = self.experiment
         return {
             "item": e.item,
@@ -170,13 +170,13 @@ class ExperimentResult:
 def choose(
     paper: str, items: Sequence[str], *, everything: bool, recorded: Sequence[Experiment] = ()
 ) -> list[Experiment]:
-    """Return the experiments of a paper with these names, in the paper's order; UsageError for unknown names.
+    """Experiments of a paper with these names, in the paper's order; UsageError for an unknown paper or name.
 
     Args:
-        paper: a key of `PAPERS`.
+        paper: key of `PAPERS`.
         items: names of experiments.
-        everything: true: return all of them.
-        recorded: experiments on the recording that was given.
+        everything: return all experiments, whatever `items` are.
+        recorded: further experiments, on a recording that was given.
     """
     if paper not in PAPERS:
         raise UsageError(f"no experiments of {paper!r}; there are those of: {', '.join(PAPERS)}", id="unknown-name")
@@ -192,23 +192,23 @@ def choose(
 
 
 def size_of(experiment: Experiment, *, quick: bool, runs: int | None, steps: int | None, seed: int) -> Size:
-    """Return the size of an experiment.
+    """Number of runs and steps of an experiment, with its form and seed.
 
     Args:
-        experiment: with its own numbers of runs and steps.
-        quick: take those of the quick form, not of the paper.
-        runs: stated number; None: its own.
-        steps: stated number; None: its own.
-        seed: of all random numbers.
+        experiment: experiment with its own numbers of runs and steps.
+        quick: use those of the quick form, not those of the paper.
+        runs: number of runs; None: the experiment's own.
+        steps: number of steps; None: the experiment's own.
+        seed: seed of all random numbers.
     """
     own = experiment.quick if quick else (experiment.runs, experiment.steps)
     return Size(runs or own[0], steps or own[1], quick=quick, seed=seed)
 
 
 def reproduce(paper: str, experiment: Experiment, size: Size, execute: Execute) -> ExperimentResult:
-    """Run an experiment of a paper, judge its table, and draw its pictures; return all with the CPU time [s].
+    """Run an experiment of a paper, judge its table, draw its pictures, and measure the CPU time [s] of all that.
 
-    `execute` runs the trials; statements get their positions in the paper.
+    `execute` runs the trials; verdicts get the positions of their statements in the paper.
     """
     start = time.process_time()
     table = experiment.compute(size, execute)

@@ -33,7 +33,14 @@ KINDS = dict(zip(WORDS, ("reproduced", "part", "not", "undecided"), strict=True)
 
 
 class ChartCurve(NamedTuple):
-    """One series of a chart: mean and standard deviation over runs, and heights of horizontal lines."""
+    """One series of a chart.
+
+    Attributes:
+        name: name in the legend.
+        x, y: values along the axes; y is a mean over runs.
+        sd: standard deviations over runs, for error bars; NaN is drawn as none.
+        across: heights of dotted horizontal lines.
+    """
 
     name: str
     x: list[float]
@@ -43,7 +50,14 @@ class ChartCurve(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """One figure: curves of means over runs, with labels and a note."""
+    """One figure of curves, with all of its texts.
+
+    Attributes:
+        item: key of the experiment.
+        title, x_label, y_label: title, and names of the axes.
+        curves: series with means over runs.
+        note: remark below the figure.
+    """
 
     item: str
     title: str
@@ -54,17 +68,28 @@ class Chart(NamedTuple):
 
 
 class ExperimentPage(NamedTuple):
-    """Part of the page about one experiment: chart, size, verdicts, table and further pictures by name."""
+    """Part of a paper's page about one experiment.
+
+    Attributes:
+        chart: its figure.
+        size: numbers of runs and steps as text.
+        verdicts: verdicts as JSON values.
+        table: cells of the table as text; the first row has the heads.
+        plans: floor plans and frames of videos, by name.
+    """
 
     chart: Chart
     size: str
     verdicts: list[dict[str, object]]
-    table: list[list[str]]  # first row: heads
-    plans: Mapping[str, PlanFigure | Shots] = {}  # floor plans and frames by name
+    table: list[list[str]]
+    plans: Mapping[str, PlanFigure | Shots] = {}
 
 
 def draw(chart: Chart) -> Figure:
-    """Draw means with bars of one standard deviation, and dotted lines across."""
+    """Draw means with bars of one standard deviation, and dotted lines across.
+
+    Lines far above all curves (`FAR`) are in the legend only.
+    """
     figure = new_figure(*SIZE)
     axes = figure.add_subplot()
     top = max((y for curve in chart.curves for y in curve.y), default=math.inf)
@@ -87,6 +112,7 @@ def draw(chart: Chart) -> Figure:
 
 
 def _curve(axes: Axes, n: int, curve: ChartCurve) -> None:
+    """Draw a curve with its error bars into `axes`; `n` is its number, which selects colour and marker."""
     sd = [0.0 if math.isnan(s) else s for s in curve.sd]
     axes.errorbar(
         curve.x,
@@ -103,6 +129,7 @@ def _curve(axes: Axes, n: int, curve: ChartCurve) -> None:
 
 
 def _scale(axes: Axes, chart: Chart) -> None:
+    """Name the axes; y starts at 0 if no value is negative, and x has whole ticks if all of its values are whole."""
     axes.set_xlabel(chart.x_label)
     axes.set_ylabel(chart.y_label)
     if all(y >= 0.0 for c in chart.curves for y in (*c.y, *c.across)):
@@ -112,18 +139,18 @@ def _scale(axes: Axes, chart: Chart) -> None:
 
 
 def chart_png(chart: Chart) -> bytes:
-    """Return the chart as PNG."""
+    """A chart as PNG, in the style of all plots."""
     with house_style():
         return to_png(draw(chart), 110.0, {"Title": f"{chart.item}: {chart.title}"})
 
 
 def build_reproduction(title: str, parts: Sequence[ExperimentPage], made: str) -> str:
-    """Return the page as HTML: self-contained, without scripts; the same input gives the same bytes.
+    """Page of a paper as HTML: self-contained, without scripts; the same input gives the same bytes.
 
     Args:
-        title: of the paper.
-        parts: the experiments.
-        made: command, seed and version of the program.
+        title: title of the paper.
+        parts: experiments, in the order of the page.
+        made: command, seed and version of the program as text.
     """
     with house_style():
         plots = [Markup(_svg(part.chart)) for part in parts]
@@ -148,13 +175,13 @@ class Paper(NamedTuple):
 
 
 def build_verdicts(papers: Mapping[str, Paper], totals: Mapping[str, Mapping[str, int]], page: str, made: str) -> str:
-    """Return the page of several papers as HTML: how many statements got which verdict, and all verdicts.
+    """Page of several papers as HTML: how many statements got which verdict, and all verdicts.
 
     Args:
-        papers: the papers by key.
-        totals: counts by word, of each paper and of all.
-        page: name of each paper's own page, in the folder of its key.
-        made: command, seed and version of the program.
+        papers: papers by key.
+        totals: by paper, and for all, the number of verdicts by word.
+        page: name of the file of a paper's own page, in the folder that its key names.
+        made: command, seed and version of the program as text.
     """
     return template("verdicts.html.j2", "occlog.papers", "page").render(
         papers=papers,
@@ -170,16 +197,18 @@ def build_verdicts(papers: Mapping[str, Paper], totals: Mapping[str, Mapping[str
 
 
 def _svg(chart: Chart) -> str:
+    """A chart as SVG for a page, with an alternative text."""
     words = f"{chart.y_label} against {chart.x_label}: {', '.join(c.name for c in chart.curves)}"
     return page_svg(raw_svg(draw(chart)), chart.item, chart.title, words)
 
 
 def picture_png(picture: PlanFigure | Shots) -> bytes:
-    """Return a floor plan, or frames, as PNG."""
+    """A floor plan, or frames of a video, as PNG."""
     return plan_png(picture) if isinstance(picture, PlanFigure) else shots_png(picture)
 
 
 def _picture(item: str, name: str, picture: PlanFigure | Shots) -> str:
+    """HTML element of a floor plan or of frames; `item`, of the experiment, and `name`, of the picture, give its id."""
     if isinstance(picture, PlanFigure):
         return _plan_svg(item, name, picture)
     data = base64.b64encode(shots_png(picture)).decode()
@@ -188,10 +217,11 @@ def _picture(item: str, name: str, picture: PlanFigure | Shots) -> str:
 
 
 def _plan_svg(item: str, name: str, plan: PlanFigure) -> str:
+    """A floor plan as SVG for a page; `item`, of the experiment, and `name`, of the picture, give its id."""
     words = "; ".join(f"{p.title}: true path, {', '.join(e.name for e in p.estimates)}" for p in plan.panels)
     return page_svg(raw_svg(draw_plan(plan)), f"{item}-{name}", plan.title, words)
 
 
 def shown(value: float | None) -> str:
-    """Return `value` as text with four digits, or a dash if missing."""
+    """`value` as text with four digits; a dash for None, NaN and infinite values."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.4g}"

@@ -17,30 +17,37 @@ COMMIT_S = 5.0
 
 
 class PageProvenance(NamedTuple):
-    """Provenance of a page: command line, seed, and occlog's version and commit (None: unknown)."""
+    """Where a page comes from.
+
+    Attributes:
+        command: command line, with the options that change results.
+        seed: seed of the experiments.
+        version: version of occlog.
+        commit: its commit; None if unknown.
+    """
 
     command: str
     seed: int
     version: str
-    commit: str | None  # None where the program does not know it
+    commit: str | None
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fields as plain values for JSON."""
+        """Fields by name as plain values for JSON."""
         return self._asdict()
 
     def text(self) -> str:
-        """Return a sentence for the page that states command, seed and version."""
+        """Sentence for the page that states command, seed, version and commit."""
         commit = f" (commit {self.commit})" if self.commit else ""
         return f"Made by `{self.command}`, seed {self.seed}, with occlog {self.version}{commit}."
 
 
 def made_by(arguments: Sequence[str], seed: int) -> PageProvenance:
-    """Describe a run of `occlog` with these arguments."""
+    """Provenance of a page that `occlog` makes with these arguments and this seed."""
     return PageProvenance(shlex.join(["occlog", *arguments]), seed, occlog.__version__, commit_of_program())
 
 
 def commit_of_program() -> str | None:
-    """Return the commit that the program is from: of the repository it runs in, or that pip has installed."""
+    """Commit that the program is from: of the repository it runs in, or that pip has installed; None if unknown."""
     folder = Path(occlog.__file__).resolve().parents[1]
     if (folder / ".git").exists():
         asked = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]

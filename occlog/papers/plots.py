@@ -23,23 +23,37 @@ from occlog.report.plots.floorplan import draw_scene, frame_plan
 
 
 class EstimatedPath(NamedTuple):
-    """Estimated path: name for the legend, and positions (T, 2)."""
+    """Estimated path of a target: its name in the legend, and positions `xy` (T, 2) in scene units."""
 
     name: str  # in the legend
     xy: Floats  # (T, 2)
 
 
 class PlanPanel(NamedTuple):
-    """One drawing of the room, with T positions of the target."""
+    """One drawing of the room, with T positions of the target, in scene units.
+
+    Attributes:
+        title: text above the drawing.
+        truth: (T, 2) true positions.
+        seen: (T,) true where a camera saw the target; estimates have a dot there.
+        estimates: estimated paths.
+    """
 
     title: str
-    truth: Floats  # (T, 2)
-    seen: Bools  # (T,) true: a camera saw the target, and estimates have a dot
+    truth: Floats
+    seen: Bools
     estimates: tuple[EstimatedPath, ...]
 
 
 class PlanFigure(NamedTuple):
-    """A picture of panels of equal size and limits."""
+    """A picture of panels of equal size and limits.
+
+    Attributes:
+        title, caption: texts of the picture.
+        scene: room that every panel shows.
+        panels: drawings, row by row.
+        columns: panels in a row, at most.
+    """
 
     title: str
     caption: str
@@ -56,7 +70,7 @@ TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, 
 
 
 def draw_plan(plan: PlanFigure) -> Figure:
-    """Draw all panels with the same limits, and one legend below them."""
+    """Figure of all panels with the same limits, and one legend below them."""
     columns = min(plan.columns, len(plan.panels))
     rows = math.ceil(len(plan.panels) / columns)
     figure = new_figure(PLAN_WIDTH * columns, HEIGHT * rows + 0.4)
@@ -75,7 +89,7 @@ def draw_plan(plan: PlanFigure) -> Figure:
 
 
 def plan_limits(plan: PlanFigure) -> Floats:
-    """Return the lower and the upper corner (2, 2) of the room and its paths, these cut at `MOST`."""
+    """Lower and upper corner, rows of (2, 2), of the room and all paths, these cut at `MOST`; in scene units."""
     low, high = plan.scene.region.min(axis=0), plan.scene.region.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     paths = [xy for p in plan.panels for xy in (p.truth, *(e.xy for e in p.estimates))]
@@ -85,7 +99,7 @@ def plan_limits(plan: PlanFigure) -> Floats:
 
 
 def _paths(axes: Axes, panel: PlanPanel) -> list[Line2D]:
-    """Draw the true path with its start, and the estimates with dots where the target was seen; return the handles."""
+    """Draw the true path with its start, and estimates with dots where the target was seen; handles for the legend."""
     handles = axes.plot(panel.truth[:, 0], panel.truth[:, 1], label="true path", **TRUE_PATH)
     handles += axes.plot(
         panel.truth[:1, 0],
@@ -109,43 +123,68 @@ def _paths(axes: Axes, panel: PlanPanel) -> list[Line2D]:
 
 
 def plan_png(plan: PlanFigure) -> bytes:
-    """Return the floor plans with their paths as PNG."""
+    """Floor plans with their paths as PNG."""
     with house_style():
         return to_png(draw_plan(plan), 110.0, {"Title": plan.title})
 
 
 class Mark(NamedTuple):
-    """Outline (x, y, a, b, rho) of a tracker in an image, and whether it is on its target."""
+    """Outline of a tracker in an image.
+
+    Attributes:
+        target: number of its target.
+        ellipse: (5,) centre x, y [px], half axes [px], angle of the first axis [rad].
+        good: whether the tracker is on its own target.
+    """
 
     target: int
-    ellipse: Floats  # (5,) centre [px], half axes [px], angle of the first axis [rad]
-    good: bool  # true: the tracker is on its own target
+    ellipse: Floats
+    good: bool
 
 
 class EpipolarLine(NamedTuple):
-    """Epipolar line of a target's estimate in another view."""
+    """Epipolar line of a target's estimate in another view.
+
+    Attributes:
+        target: number of the target.
+        line: (3,) coefficients; points x, y [px] of the line satisfy line . (x, y, 1) = 0.
+    """
 
     target: int
-    line: Floats  # (3,) points (x, y) with line . (x, y, 1) = 0
+    line: Floats
 
 
 class FigureImage(NamedTuple):
-    """Image with what is drawn over it: title, outlines, links between trackers, epipolar lines."""
+    """An image, and what is drawn over it.
+
+    Attributes:
+        title: text above the image.
+        image: (H, W, 3) BGR.
+        marks: outlines of trackers.
+        links: pairs of centres (2,) [px] of trackers that touch.
+        lines: epipolar lines.
+    """
 
     title: str
-    image: NDArray[np.uint8]  # (H, W, 3) BGR
+    image: NDArray[np.uint8]
     marks: tuple[Mark, ...]
-    links: tuple[tuple[Floats, Floats], ...]  # centres of trackers that touch
+    links: tuple[tuple[Floats, Floats], ...]
     lines: tuple[EpipolarLine, ...]
 
 
 class Shots(NamedTuple):
-    """Picture of images in named rows, and columns, with title and caption."""
+    """Picture of images in rows and columns.
+
+    Attributes:
+        title, caption: texts of the picture.
+        rows: names of the rows.
+        shots: images of each row; all have the size of the first.
+    """
 
     title: str
     caption: str
-    rows: tuple[str, ...]  # names of the rows
-    shots: tuple[tuple[FigureImage, ...], ...]  # by row
+    rows: tuple[str, ...]
+    shots: tuple[tuple[FigureImage, ...], ...]
 
 
 SHOT_WIDTH = 2.3
@@ -156,12 +195,12 @@ DPI = 110.0
 
 
 def bright(target: int) -> str:
-    """Return the bright colour (`#rrggbb`) in which a target is drawn."""
+    """Bright colour (`#rrggbb`) of the target with number `target`."""
     return BRIGHT[target % len(BRIGHT)]
 
 
 def draw_shots(shots: Shots) -> Figure:
-    """Draw all images, with the name of each row at its left."""
+    """Figure of all images, with the name of each row at its left."""
     rows, columns = len(shots.shots), max(len(r) for r in shots.shots)
     height, width = shots.shots[0][0].image.shape[:2]
     figure = new_figure(SHOT_WIDTH * columns + 0.3, (SHOT_WIDTH * height / width + 0.2) * rows)
@@ -176,6 +215,7 @@ def draw_shots(shots: Shots) -> Figure:
 
 
 def _draw(axes: Axes, shot: FigureImage) -> None:
+    """Draw an image into `axes`, and over it links, epipolar lines and outlines."""
     height, width = shot.image.shape[:2]
     axes.imshow(shot.image[..., ::-1], interpolation="nearest")
     axes.set_title(label(shot.title, 40))
@@ -190,18 +230,19 @@ def _draw(axes: Axes, shot: FigureImage) -> None:
 
 
 def _line(axes: Axes, line: EpipolarLine, width: int, height: int) -> None:
+    """Draw the part of an epipolar line inside an image of `width` and `height` [px] into `axes`."""
     ends = ends_of(line.line, width, height)
     if ends is not None:
         axes.plot(*ends.T, color=bright(line.target), linewidth=0.9, linestyle=(0, (4, 2)))
 
 
 def ends_of(line: Floats, width: int, height: int) -> Floats | None:
-    """Return the two points (2, 2) at which a line crosses the image's border [px]; None for a line outside.
+    """Two points (2, 2) at which a line crosses the image's border [px]; None for a line outside.
 
     Args:
         line: (3,) coefficients a, b, c of a x + b y + c = 0.
-        width: of the image [px].
-        height: of the image [px].
+        width: width of the image [px].
+        height: height of the image [px].
     """
     a, b, c = line.tolist()
     points = []
@@ -216,6 +257,7 @@ def ends_of(line: Floats, width: int, height: int) -> Floats | None:
 
 
 def _mark(axes: Axes, mark: Mark) -> None:
+    """Draw the outline of a tracker with its number: dashed, and with a cross, if it is not on its target."""
     x, y, a, b, rho = mark.ellipse.tolist()
     style = "-" if mark.good else (0, (2, 1.5))
     axes.add_patch(
@@ -246,6 +288,6 @@ def _mark(axes: Axes, mark: Mark) -> None:
 
 
 def shots_png(shots: Shots) -> bytes:
-    """Return the picture of images as PNG."""
+    """Picture of images as PNG."""
     with house_style():
         return to_png(draw_shots(shots), DPI, {"Title": shots.title})

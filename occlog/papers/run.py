@@ -48,9 +48,26 @@ SUMMARY = ("verdicts.html", "verdicts.json")
 
 @dataclass(frozen=True, kw_only=True)
 class ReproduceRequest:
-    """Request of the command line; the help of the options describes each field."""
+    """Request of `occlog reproduce`.
 
-    paper: str | None  # None: all papers
+    Attributes:
+        paper: key of the paper; None: all papers.
+        items: keys of experiments.
+        everything: whether all experiments are run.
+        quick: whether the small form of experiments is run.
+        output: folder of the files; None: nothing is written.
+        data, bearings, scene: recording: a folder of the CMC data set, or a file of bearings and one of their scene.
+        workers: number of processes.
+        scheduler: address of a scheduler of other machines; None: this one alone.
+        runs, steps: numbers in place of those of the experiments; None: theirs.
+        sizes: texts such as `fig12=4x1000`: runs and steps of one experiment.
+        seed: seed of all experiments.
+        overwrite: whether files that exist are replaced.
+        quiet: whether notes and progress are left out.
+        as_json: whether one JSON object is printed in place of text.
+    """
+
+    paper: str | None
     items: Sequence[str]
     everything: bool
     quick: bool
@@ -70,9 +87,14 @@ class ReproduceRequest:
 
 
 def list_papers(as_json: bool, only: str | None = None) -> None:
-    """Print the experiments of all papers, or of the paper `only`; UsageError for an unknown one.
+    """Print the experiments of all papers, or of the paper `only`.
 
-    `as_json`: print one JSON object of titles.
+    Args:
+        as_json: whether to print one JSON object of titles.
+        only: key of a paper; None: all.
+
+    Raises:
+        UsageError: the paper is unknown.
     """
     if only is not None and only not in PAPERS:
         raise UsageError(f"no experiments of {only!r}; there are those of: {', '.join(PAPERS)}", id="unknown-name")
@@ -89,7 +111,7 @@ def list_papers(as_json: bool, only: str | None = None) -> None:
 
 
 def run_reproduce(request: ReproduceRequest) -> None:
-    """Run the experiments of a paper, or of all papers; print what they gave."""
+    """Run the experiments of a paper, or of all papers; write files if the request has a folder, print the verdicts."""
     if request.paper is None:
         _run_papers(request)
         return
@@ -106,7 +128,11 @@ def run_reproduce(request: ReproduceRequest) -> None:
 
 
 def _run_papers(request: ReproduceRequest) -> None:
-    """Run all experiments of all papers, each paper in its own folder; count the verdicts."""
+    """Run all experiments of all papers, each paper in its own folder; write and print the numbers of verdicts.
+
+    Raises:
+        UsageError: the request names neither a paper nor all, or it has sizes of single experiments.
+    """
     if not request.everything:
         raise UsageError("name a paper, or give --all or --list", id="missing-option")
     if request.sizes:
@@ -143,18 +169,19 @@ def _run_papers(request: ReproduceRequest) -> None:
 
 
 def _print_totals(totals: Mapping[str, Mapping[str, int]]) -> None:
+    """Print a table of the number of verdicts by word (columns), for each paper and for all."""
     click.echo(f"{'':<11}" + "".join(f"{word:>16}" for word in WORDS))
     for name, counts in totals.items():
         click.echo(f"{name:<11}" + "".join(f"{counts[word]:>16}" for word in WORDS))
 
 
 def counts_of(findings: Sequence[ExperimentResult]) -> dict[str, int]:
-    """Return the number of statements with each verdict."""
+    """Number of statements by the word of their verdict."""
     return {word: sum(v.verdict == word for f in findings for v in f.verdicts) for word in WORDS}
 
 
 def _made(paper: str | None, request: ReproduceRequest) -> PageProvenance:
-    """Return the provenance of a page: the command with the options that change its results.
+    """Provenance of a page: the command with the options that change its results.
 
     `paper`: key of the paper; None: all papers.
     """
@@ -170,10 +197,10 @@ def _made(paper: str | None, request: ReproduceRequest) -> PageProvenance:
 
 
 def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> list[ExperimentResult]:
-    """Run the experiments one after the other; the files of each are written as soon as it is done.
+    """Run the experiments of a paper one after the other; the files of each are written as soon as it is done.
 
-    A folder with finished trials and without a page is that of a run that was stopped: what it has
-    written of single experiments is replaced.
+    A folder with finished trials and without a page is that of a run that was stopped: what it has written of single
+    experiments is replaced. `output`: folder of the files; None: nothing is written.
     """
     recorded = recorded_of(paper, request)
     _check_names(paper, request, recorded)
@@ -205,14 +232,16 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
 
 
 def was_stopped(folder: Path) -> bool:
-    """Return whether a folder is that of a run that was stopped: it has finished trials, and no page."""
+    """Whether a folder is that of a run that was stopped: it has finished trials, and no page."""
     return (folder / STORE).is_file() and not (folder / PAGE).exists()
 
 
 def recorded_of(paper: str, request: ReproduceRequest) -> tuple[Experiment, ...]:
-    """Return the experiments on the recording of the request; none without one.
+    """Experiments on the recording of the request; none without one.
 
-    UsageError for options that do not go together; InputError, which names the recording, if it cannot be used.
+    Raises:
+        UsageError: options do not go together.
+        InputError: the recording cannot be used; the message names it.
     """
     _check_recorded(paper, request)
     path = request.data or request.bearings
@@ -230,7 +259,7 @@ def recorded_of(paper: str, request: ReproduceRequest) -> tuple[Experiment, ...]
 
 
 def _check_recorded(paper: str, request: ReproduceRequest) -> None:
-    """Raise UsageError for options of a recording that do not go together."""
+    """Raise UsageError for options of a recording that do not go together, or that the paper has no experiment for."""
     if request.data is not None and (request.bearings is not None or request.scene is not None):
         raise UsageError(
             "--data has its own bearings and scene; leave --bearings and --scene out", id="conflicting-options"
@@ -243,7 +272,7 @@ def _check_recorded(paper: str, request: ReproduceRequest) -> None:
 
 
 def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Experiment]) -> None:
-    """Raise UsageError for a missing choice, and for experiments on a recording that was not given.
+    """Raise UsageError if no experiment is named, or one on a recording that was not given.
 
     `recorded`: experiments on the given recording.
     """
@@ -260,9 +289,14 @@ def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Exper
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Return runs and steps by experiment, from the texts `given`, like `fig12=4x1000`; UsageError for others.
+    """Runs and steps by experiment, from texts like `fig12=4x1000`.
 
-    `items`: the experiments that may be named.
+    Args:
+        given: the texts.
+        items: keys of the experiments that may be named.
+
+    Raises:
+        UsageError: a text has another form, too small a number, or names another experiment.
     """
     sizes = {}
     for text in given:
@@ -279,7 +313,7 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
 
 
 def executor(experiment: Experiment, request: ReproduceRequest, output: Path | None) -> Execute:
-    """Return the function that runs the trials of an experiment, with progress on standard error.
+    """Function that runs the trials of an experiment, with progress on standard error.
 
     `output`: folder where finished trials are kept; None: they are not.
     """
@@ -296,10 +330,14 @@ def executor(experiment: Experiment, request: ReproduceRequest, output: Path | N
 
 
 def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | None, Callable[[], None]]:
-    """Return functions that advance (by a number of trials) and close a progress bar on standard error.
+    """Functions that advance (by a number of trials) and close a progress bar on standard error.
 
-    The first is None if there is no bar: `quiet`, or standard error is no terminal. `label` is before the bar, `total`
-    is the number at its end.
+    The first is None if there is no bar: `quiet` is set, or standard error is no terminal.
+
+    Args:
+        label: text before the bar.
+        total: number of trials at its end.
+        quiet: whether there is no bar.
     """
     if quiet or not sys.stderr.isatty():
         return None, lambda: None
@@ -312,6 +350,7 @@ def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | N
 
 
 def _print(verdicts: Sequence[StatementVerdict]) -> None:
+    """Print a line for each verdict: word, id, measured and printed number, statement."""
     for v in verdicts:
         paper = "" if v.paper is None else f", paper {v.paper:.4g}"
         measured = "nothing" if v.measured is None else f"{v.measured:.4g}"
@@ -320,20 +359,23 @@ def _print(verdicts: Sequence[StatementVerdict]) -> None:
 
 
 def paths(folder: Path, experiments: Sequence[Experiment]) -> list[Path]:
-    """Return all files that the experiments write into the folder."""
+    """Paths of all files that the experiments write into the folder, the page included."""
     out = [folder / f"{e.item}{kind}" for e in experiments for kind in (".csv", ".png", ".json")]
     return out + [plan_path(folder, e, name) for e in experiments for name in e.plans] + [folder / PAGE]
 
 
 def plan_path(folder: Path, experiment: Experiment, name: str) -> Path:
-    """Return the path of a further picture, with its name, of an experiment."""
+    """Path of a further picture of an experiment, with the name `name`."""
     return folder / f"{experiment.item}-{name}.png"
 
 
 def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) -> None:
     """Create the folder and check that every file can be written, before any experiment runs.
 
-    `overwrite`: files may exist.
+    Args:
+        folder: folder of the files.
+        experiments: experiments to be run.
+        overwrite: whether files may exist.
     """
     _make_folder(folder)
     for path in paths(folder, experiments):
@@ -341,6 +383,7 @@ def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) ->
 
 
 def _make_folder(folder: Path) -> None:
+    """Create a folder, with those it is in; OutputError if it is a file or cannot be created."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file; name a folder")
     with translate_write_errors(folder):
@@ -348,13 +391,13 @@ def _make_folder(folder: Path) -> None:
 
 
 def write(folder: Path, paper: str, finding: ExperimentResult, overwrite: bool, made: PageProvenance) -> None:
-    """Write table, plot, further pictures and verdicts of one experiment of `paper`.
+    """Write table, plot, further pictures and verdicts of one experiment.
 
     Args:
-        folder: of the files.
+        folder: folder of the files.
         paper: key of the paper.
         finding: result of the experiment.
-        overwrite: replace files that exist.
+        overwrite: whether files that exist are replaced.
         made: provenance.
     """
     item = finding.experiment.item
@@ -370,13 +413,13 @@ def write(folder: Path, paper: str, finding: ExperimentResult, overwrite: bool, 
 def write_page(
     folder: Path, paper: str, findings: Sequence[ExperimentResult], overwrite: bool, made: PageProvenance
 ) -> None:
-    """Write the HTML page of all experiments.
+    """Write the HTML page of all experiments of a paper.
 
     Args:
-        folder: of the page.
+        folder: folder of the page.
         paper: key of the paper.
         findings: results of the experiments.
-        overwrite: replace a page that exists.
+        overwrite: whether a page that exists is replaced.
         made: provenance.
     """
     parts = [
@@ -387,7 +430,7 @@ def write_page(
 
 
 def table_csv(table: Table) -> str:
-    """Return the table as CSV: series, x, runs, mean, standard deviation, standard error, further figures, values."""
+    """Table as CSV: series, x, runs, mean, standard deviation, standard error, further figures, values."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerows(_cells(table))
@@ -395,6 +438,7 @@ def table_csv(table: Table) -> str:
 
 
 def _cells(table: Table) -> list[list[str]]:
+    """Cells of a table as text, the heads in the first row."""
     further = [n for n in EXTRAS if any(n in r.extra for r in table)]
     further += sorted({n for r in table for n in r.extra} - set(EXTRAS))
     head = ["series", "x", "runs", "mean", "sd", "standard_error", *further, "values"]
@@ -413,11 +457,12 @@ def _cells(table: Table) -> list[list[str]]:
 
 
 def _text(value: float) -> str:
+    """Number with six digits; empty for NaN."""
     return "" if math.isnan(value) else f"{value:.6g}"
 
 
 def chart(finding: ExperimentResult) -> Chart:
-    """Return the plot's content: a curve for each plotted series, by rising x; rows without x are lines across."""
+    """Content of the plot: a curve for each plotted series, by rising x; rows without x are lines across."""
     e, curves = finding.experiment, []
     for name in dict.fromkeys(r.series for r in finding.table if r.plotted):
         own = [r for r in finding.table if r.series == name and r.runs and r.plotted]
@@ -433,6 +478,7 @@ def chart(finding: ExperimentResult) -> Chart:
 
 
 def _size(finding: ExperimentResult) -> str:
+    """Sentence for the page on the size of an experiment, compared with its full form."""
     size, e = finding.size, finding.experiment
     if (size.runs, size.steps) == (e.runs, e.steps):
         return f"{size.runs} runs of {size.steps} steps, the full form."

@@ -56,7 +56,15 @@ EXTRAS = ("rmse_occ", "hidden", "sir", "restart", "lost", "mean_ess", "messages"
 
 
 class Size(NamedTuple):
-    """Numbers that set the cost of an experiment, and the seed of its random numbers."""
+    """Numbers that set the cost of an experiment, and the seed of its random numbers.
+
+    Attributes:
+        runs: number of runs with different random numbers.
+        steps: length of a run, or what the experiment counts in its place.
+        quick: whether it is the small form, too small to judge by.
+        particles: number of particles of particle filters.
+        seed: seed of the experiment.
+    """
 
     runs: int
     steps: int
@@ -67,14 +75,23 @@ class Size(NamedTuple):
 
 @dataclass(frozen=True)
 class PaperRow:
-    """One point of a figure, with the value of every run."""
+    """One point of a figure, with the value of every run.
+
+    Attributes:
+        series: name of the series that the point belongs to.
+        x: position along the x axis; NaN: a line across the figure.
+        values: value of every run.
+        extra: further columns of the table.
+        plotted: whether the row is in the plot; all rows are in the table.
+        each: further figures of every run by name.
+    """
 
     series: str
-    x: float  # NaN: a line across the figure
+    x: float
     values: tuple[float, ...]
     extra: dict[str, float] = field(default_factory=dict)
-    plotted: bool = True  # false: in the table only
-    each: dict[str, tuple[float, ...]] = field(default_factory=dict)  # further figures of every run
+    plotted: bool = True
+    each: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def runs(self) -> int:
@@ -102,42 +119,69 @@ Table = list[PaperRow]
 
 @dataclass(frozen=True)
 class StatementVerdict:
-    """A statement of the paper, and whether the measurement confirms it."""
+    """A statement of the paper, and whether the measurement confirms it.
+
+    Attributes:
+        id: id, of words with hyphens.
+        statement: text of the statement.
+        paper: number that the paper has; None: none.
+        measured: number that was measured; None: none could be.
+        error_bar: standard error of `measured`; None: not known.
+        runs: number of runs that it is from.
+        verdict: one of `WORDS`.
+        rule: how the verdict was reached.
+        place: figure, table, equation or section of the paper.
+        page: page of the paper, where its text has page numbers.
+        words: the statement as the paper has it; empty: its text does not state it.
+    """
 
     id: str
     statement: str
     paper: float | None
     measured: float | None
-    error_bar: float | None  # standard error of `measured`
+    error_bar: float | None
     runs: int
-    verdict: str  # one of `occlog.papers.verdicts.WORDS`
-    rule: str  # how the verdict was reached
-    place: str = ""  # figure, table, equation or section of the paper
-    page: int | None = None  # of the paper, where its text has page numbers
-    words: str = ""  # the statement as the paper has it; empty: its text does not state it
+    verdict: str
+    rule: str
+    place: str = ""
+    page: int | None = None
+    words: str = ""
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fields as plain values for JSON; NaN and infinities become None."""
+        """Fields by name as plain values for JSON; NaN and infinities become None."""
         out = asdict(self)
         return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in out.items()}
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A figure or table of a paper: how its rows are computed, and how its statements are judged."""
+    """A figure or table of a paper: how its rows are computed, and how its statements are judged.
+
+    Attributes:
+        item: key of the experiment.
+        title: title of its page.
+        x_label, y_label: names of the axes of its plot.
+        runs, steps: number of runs, and of steps of a run, in the full form.
+        quick: runs and steps of the small form.
+        compute: makes the table; it is given the size, and a function that runs trials.
+        judge: verdicts on the statements, from the table.
+        note: remark below the plot.
+        trial: runs one of the trials of `compute`.
+        plans: further pictures by name.
+    """
 
     item: str
     title: str
     x_label: str
     y_label: str
-    runs: int  # in the paper
-    steps: int  # of a run, in the paper
-    quick: tuple[int, int]  # runs and steps of the small form
+    runs: int
+    steps: int
+    quick: tuple[int, int]
     compute: Callable[[Size, Execute], Table]
     judge: Callable[[Table], list[StatementVerdict]]
     note: str = ""
-    trial: Callable[[Spec], dict[str, float]] = run_trial  # runs one of the trials of `compute`
-    plans: Mapping[str, Callable[[Size], PlanFigure | Shots]] = field(default_factory=dict)  # further pictures by name
+    trial: Callable[[Spec], dict[str, float]] = run_trial
+    plans: Mapping[str, Callable[[Size], PlanFigure | Shots]] = field(default_factory=dict)
 
 
 def deviation(values: Sequence[float]) -> float:
@@ -154,11 +198,18 @@ CONFIDENCE = 0.5 * (1.0 + math.erf(math.sqrt(2.0)))
 
 
 class Measure(NamedTuple):
-    """A quantity that was measured, or computed exactly."""
+    """A quantity that was measured, or computed exactly.
+
+    Attributes:
+        value: the quantity; NaN: missing.
+        error: standard error; 0: computed exactly, NaN: not known.
+        runs: number of independent samples that the error is from.
+        low, high: ends of the range of the true value.
+    """
 
     value: float
-    error: float  # standard error; 0: computed exactly, NaN: not known
-    runs: int  # independent samples that the error is from
+    error: float
+    runs: int
     low: float
     high: float
 
@@ -169,15 +220,15 @@ class Measure(NamedTuple):
 
 
 def errors_allowed(runs: int) -> float:
-    """Return how many standard errors the range reaches to each side: 2 for many runs; infinite below two."""
+    """How many standard errors the range reaches to each side: about 2 for many runs; infinite below two runs."""
     return float(stdtrit(runs - 1, CONFIDENCE)) if runs >= 2 else math.inf
 
 
 def estimate(value: float, error: float, runs: int) -> Measure:
-    """Return a quantity with its standard error and the range of the true value.
+    """Quantity with its standard error and the range of the true value.
 
     Args:
-        value: of the quantity.
+        value: the quantity.
         error: standard error; 0: exact; NaN: unknown, the range is unlimited.
         runs: number of runs, which sets the width of the range; for fewer than two it is unlimited.
     """
@@ -190,15 +241,15 @@ def estimate(value: float, error: float, runs: int) -> Measure:
 
 
 def exact(value: float, runs: int = 1) -> Measure:
-    """Return `value` as a quantity without error: a formula, or a count of what the statement is about.
+    """`value` as a quantity without error: a formula, or a count of what the statement is about.
 
-    `runs`: for display.
+    `runs`: number of runs, for display only.
     """
     return estimate(value, 0.0, runs)
 
 
 def sample(values: Sequence[float]) -> Measure:
-    """Return the mean of independent values with its standard error; NaN without values."""
+    """Mean of independent values with its standard error; NaN without values."""
     n = len(values)
     if n == 0:
         return estimate(math.nan, math.nan, 0)
@@ -206,15 +257,15 @@ def sample(values: Sequence[float]) -> Measure:
 
 
 def mean_of(row: PaperRow) -> Measure:
-    """Return the mean of a row over its runs."""
+    """Mean of a row over its runs, with its standard error."""
     return sample(row.values)
 
 
 def share_of(held: int, runs: int) -> Measure:
-    """Return the share of runs in which something holds, `held` of them; its range is that of Clopper and Pearson.
+    """Share of runs in which something holds, in `held` of `runs`; its range is that of Clopper and Pearson.
 
-    The error is that of two further runs in which it holds and two in which it does not (Agresti and Coull),
-    since the plain one vanishes where all runs agree.
+    The error is that of two further runs in which it holds and two in which it does not (Agresti and Coull), since the
+    plain one vanishes where all runs agree.
     """
     if runs == 0:
         return estimate(math.nan, math.nan, 0)
@@ -226,7 +277,7 @@ def share_of(held: int, runs: int) -> Measure:
 
 
 def difference(low: PaperRow, high: PaperRow) -> tuple[float, float]:
-    """Return the mean of high - low and its standard error, run by run where the numbers of runs are equal."""
+    """Mean of high - low and its standard error, run by run where the numbers of runs are equal."""
     if low.runs == high.runs:
         gap = sample([b - a for a, b in zip(low.values, high.values, strict=True)])
         return gap.value, gap.error
@@ -234,12 +285,12 @@ def difference(low: PaperRow, high: PaperRow) -> tuple[float, float]:
 
 
 def difference_of(low: PaperRow, high: PaperRow) -> Measure:
-    """Return the mean of high - low as `difference` does."""
+    """Mean of high - low as `difference` computes it, with the range of the true value."""
     return estimate(*difference(low, high), min(low.runs, high.runs))
 
 
 def quotient(above: PaperRow, below: PaperRow) -> tuple[float, float]:
-    """Return the quotient of two means and its standard error by the delta method; NaN if `below` has mean 0.
+    """Quotient of two means and its standard error by the delta method; NaN if `below` has mean 0.
 
     Where the numbers of runs are equal, the runs are taken as pairs.
     """
@@ -253,15 +304,15 @@ def quotient(above: PaperRow, below: PaperRow) -> tuple[float, float]:
 
 
 def quotient_of(above: PaperRow, below: PaperRow) -> Measure:
-    """Return the quotient of the means of two rows, `above` over `below`, with its standard error."""
+    """Quotient of the means of two rows, `above` over `below`, with standard error and range of the true value."""
     return estimate(*quotient(above, below), min(above.runs, below.runs))
 
 
 def power_of(rows: Sequence[PaperRow]) -> Measure:
-    """Return the exponent of x, fitted by least squares to log y against log x in every run.
+    """Exponent of x, fitted by least squares to log y against log x in every run.
 
     Args:
-        rows: of equal numbers of runs, with positive x and values; below two rows there is no exponent.
+        rows: rows of equal numbers of runs, with positive x and values; below two rows there is no exponent.
     """
     if len(rows) < 2:
         return estimate(math.nan, math.nan, 0)
@@ -271,12 +322,12 @@ def power_of(rows: Sequence[PaperRow]) -> Measure:
 
 
 def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) -> Measure:
-    """Return a statistic of the runs with the range of its bootstrap samples, wider for few runs as `estimate`'s.
+    """Statistic of the runs with the range of its bootstrap samples, widened for few runs as that of `estimate`.
 
     Args:
         runs: number of runs.
-        statistic: figure of the runs with these numbers, which may repeat; NaN if missing.
-        resamples: number of samples.  If the statistic is NaN for more than a tenth of them, nothing is known.
+        statistic: figure of the runs with these indices, which may repeat; NaN if missing.
+        resamples: number of samples. If the statistic is NaN for more than a tenth of them, nothing is known.
     """
     value = statistic(np.arange(runs))
     drawn = np.random.default_rng(2009).integers(runs, size=(resamples, runs)) if runs else np.empty((0, 0), int)
@@ -289,11 +340,17 @@ def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) 
 
 
 class PaperSource(NamedTuple):
-    """Figure, table, equation or section of a paper, with the words of the statement and the page."""
+    """Where a paper makes a statement.
 
-    place: str  # figure, table, equation or section
-    words: str = ""  # of the paper; empty: its text does not make the statement, or only prints a number
-    page: int | None = None  # of the figure, or where the section begins; only the text of [Lee] has page numbers
+    Attributes:
+        place: figure, table, equation or section.
+        words: words of the paper; empty: its text does not make the statement, or only prints a number.
+        page: page of the figure, or where the section begins; only the text of [Lee] has page numbers.
+    """
+
+    place: str
+    words: str = ""
+    page: int | None = None
 
 
 OWN = PaperSource("of this project")
@@ -303,9 +360,9 @@ Sources = Mapping[str, PaperSource]
 
 
 def source_of(key: str, sources: Sources) -> PaperSource | None:
-    """Return the position in the paper of the verdict with the id `key`; None if no beginning of the id is known.
+    """Where the paper makes the statement of the verdict with the id `key`; None if no beginning of the id is known.
 
-    `sources`: position by beginning of the id, up to a hyphen; the longest counts.
+    `sources`: places by beginning of the id, up to a hyphen; the longest counts.
     """
     parts = key.split("-")
     for n in range(len(parts), 0, -1):
@@ -316,7 +373,7 @@ def source_of(key: str, sources: Sources) -> PaperSource | None:
 
 
 def attributed(verdicts: Sequence[StatementVerdict], sources: Sources) -> list[StatementVerdict]:
-    """Return the verdicts with position, page and words of the paper; those that have a position keep it."""
+    """Verdicts with place, page and words of the paper; those that have a place keep it."""
     out = []
     for verdict in verdicts:
         source = None if verdict.place else source_of(verdict.id, sources)
@@ -339,54 +396,60 @@ Pair = tuple[PaperRow, PaperRow]
 
 
 class Interval(NamedTuple):
-    """Closed interval of numbers from `low` to `high`."""
+    """Closed interval of numbers from `low` to `high`; all numbers by default."""
 
     low: float = -math.inf
     high: float = math.inf
 
     def holds(self, m: Measure) -> bool:
-        """Return whether the whole range is in the interval."""
+        """Whether the whole range of the quantity is in the interval."""
         return self.low <= m.low and m.high <= self.high
 
     def misses(self, m: Measure) -> bool:
-        """Return whether the whole range of the quantity is outside the interval."""
+        """Whether the whole range of the quantity is outside the interval."""
         return m.high < self.low or self.high < m.low
 
 
 def at_most(limit: float) -> Interval:
-    """Return the interval of numbers up to a limit, which is included."""
+    """Interval of numbers up to a limit, which is included."""
     return Interval(high=limit)
 
 
 def at_least(limit: float) -> Interval:
-    """Return the interval of numbers from a limit on, which is included."""
+    """Interval of numbers from a limit on, which is included."""
     return Interval(low=limit)
 
 
 def above(limit: float) -> Interval:
-    """Return the numbers above a limit, without it."""
+    """Interval of numbers above a limit, without it."""
     return Interval(low=math.nextafter(limit, math.inf))
 
 
 def below(limit: float) -> Interval:
-    """Return the numbers below a limit, without it."""
+    """Interval of numbers below a limit, without it."""
     return Interval(high=math.nextafter(limit, -math.inf))
 
 
 def around(number: float, share: float) -> Interval:
-    """Return the numbers within a share of a number."""
+    """Interval of numbers within a share of a number."""
     return Interval(number - share * abs(number), number + share * abs(number))
 
 
 class StatementPoint(NamedTuple):
-    """One of several points of a statement: quantity, interval where it holds, and level without relevance."""
+    """One of several points of a statement.
+
+    Attributes:
+        measure: quantity, usually a difference.
+        good: interval in which the statement holds.
+        none: a difference up to this is none; 0: every difference counts.
+    """
 
     measure: Measure
     good: Interval
-    none: float = 0.0  # a difference up to this is none; 0: every difference counts
+    none: float = 0.0
 
     def stands(self) -> bool | None:
-        """Return true where the statement holds, false where it fails, and None where that is open."""
+        """True where the statement holds, false where it fails, and None where that is open."""
         if self.good.holds(self.measure):
             return True
         negligible = Interval(-self.none, self.none).holds(self.measure)
@@ -394,7 +457,7 @@ class StatementPoint(NamedTuple):
 
 
 def find(table: Table, series: str, x: float | None = None) -> PaperRow | None:
-    """Return the row of a series at x (None: its first row), or None if missing."""
+    """Row of a series at x (None: its first row); None if missing."""
     for row in table:
         if row.series == series and (x is None or row.x == x):
             return row
@@ -402,18 +465,18 @@ def find(table: Table, series: str, x: float | None = None) -> PaperRow | None:
 
 
 def series(table: Table, name: str) -> list[PaperRow]:
-    """Return the rows of the series `name` that have an x, by rising x."""
+    """Rows of the series `name` that have an x, by rising x."""
     return sorted((r for r in table if r.series == name and not math.isnan(r.x)), key=lambda r: r.x)
 
 
 def matched(table: Table, low: str, high: str, only: Iterable[float] | None = None) -> list[Pair]:
-    """Return the pairs (low, high) of rows of two series at the same x, by rising x.
+    """Pairs (low, high) of rows of two series at the same x, by rising x.
 
     Args:
-        table: of both.
-        low: name of the series whose row comes first.
-        high: name of the other.
-        only: x that count; None: all.
+        table: table of both series.
+        low: name of the series that the first row of a pair is of.
+        high: name of the series that the second row is of.
+        only: values of x that count; None: all.
     """
     kept = None if only is None else set(only)
     pairs = []
@@ -425,12 +488,12 @@ def matched(table: Table, low: str, high: str, only: Iterable[float] | None = No
 
 
 def neighbours(rows: Sequence[PaperRow]) -> list[Pair]:
-    """Pair each row with the one before it, so that `pairs` states that the series falls."""
+    """Pairs of each row and the one before it, so that `pairs` states that the series falls."""
     return [(after, before) for before, after in pairwise(rows)]
 
 
 def word_of(m: Measure, good: Interval, fair: Interval) -> str:
-    """Return the word of the verdict on a quantity, by the rules in the text of the module.
+    """Word of the verdict on a quantity, by the rules in the text of the module.
 
     Args:
         m: quantity with its range.
@@ -449,7 +512,10 @@ def word_of(m: Measure, good: Interval, fair: Interval) -> str:
 
 
 def _margin(good: Interval, fair: Interval) -> float:
-    """Return the least of half the good interval and the distances between its ends and those of the fair one."""
+    """Least of half the good interval and the distances between its ends and those of the fair one.
+
+    Lengths that are 0 or infinite do not count; 0 if none is left.
+    """
     widths = (0.5 * (good.high - good.low), fair.high - good.high, good.low - fair.low)
     return min((w for w in widths if math.isfinite(w) and w > 0.0), default=0.0)
 
@@ -464,16 +530,16 @@ def judge(
     rule: str,
     paper: float | None = None,
 ) -> StatementVerdict:
-    """Return the verdict on a statement about one quantity; `fair` None: it holds or not, never in part.
+    """Verdict on a statement about one quantity.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
         measure: the quantity.
-        good: where the statement holds.
-        fair: where it holds in part; contains `good`.
+        good: interval in which the statement holds.
+        fair: interval in which it holds in part, and which contains `good`; None: it holds or not, never in part.
         rule: both intervals in words.
-        paper: the number that the paper has.
+        paper: number that the paper has; None: none.
     """
     word = word_of(measure, good, fair or good)
     return _verdict(key, statement, measure, paper=paper, word=word, rule=rule)
@@ -482,7 +548,7 @@ def judge(
 def fact(
     key: str, statement: str, *, holds: bool, measured: float | None, rule: str, paper: float | None = None
 ) -> StatementVerdict:
-    """Return the verdict on a statement that was decided exactly.
+    """Verdict on a statement that was decided exactly.
 
     Args:
         key: id of the verdict.
@@ -506,14 +572,14 @@ def judge_points(
     paper: float | None = None,
     shown: Measure | None = None,
 ) -> StatementVerdict:
-    """Return the verdict on a statement about several points.
+    """Verdict on a statement about several points.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
         points: the points; without any, nothing is decided.
         rule: what holds at a point, in words.
-        paper: the number that the paper has.
+        paper: number that the paper has; None: none.
         shown: what the verdict shows as measured; None: the mean over the points.
     """
     stands = [p.stands() for p in points]
@@ -526,6 +592,7 @@ def judge_points(
 
 
 def _mean(points: Sequence[StatementPoint]) -> Measure:
+    """Mean of the quantities of several points, as if they were independent; NaN without points."""
     n = len(points)
     if n == 0:
         return estimate(math.nan, math.nan, 0)
@@ -535,6 +602,16 @@ def _mean(points: Sequence[StatementPoint]) -> Measure:
 
 
 def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word: str, rule: str) -> StatementVerdict:
+    """Verdict with a word that was decided; NaN becomes None, and an open one states why it is open.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        m: quantity that is shown.
+        paper: printed number; None or NaN: none.
+        word: one of `WORDS`.
+        rule: how the verdict was reached.
+    """
     value, error = (None if math.isnan(x) else x for x in (m.value, m.error))
     reported = (
         rule if word != UNDECIDED else f"{rule}; the error bar is too large to state" if value is not None else rule
@@ -554,14 +631,17 @@ def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word:
 
 
 def share(held: Sequence[bool]) -> str:
-    """Return `reproduced` if all points in `held` are True, `in part` if at least half are, else (or empty) `not`."""
+    """Word for points that hold or not: `REPRODUCED` if all of them do, `IN_PART` if at least half do, else `NOT`.
+
+    Without points it is `NOT`.
+    """
     if held and all(held):
         return REPRODUCED
     return IN_PART if held and 2 * sum(held) >= len(held) else NOT
 
 
 def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> StatementVerdict:
-    """Return the verdict on whether low is below high at every point; the mean difference, run by run, is shown.
+    """Verdict on whether low is below high at every point; the mean difference, run by run, is shown.
 
     A difference that may be 0 and is known to be within `NEGLIGIBLE` of the level counts as none.
 
@@ -576,13 +656,13 @@ def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None 
 
 
 def lower(low: PaperRow, high: PaperRow) -> StatementPoint:
-    """Return the point of the statement that the mean of `low` is below that of `high`, with their difference."""
+    """Point of the statement that the mean of `low` is below that of `high`, with their difference."""
     level = 0.5 * (abs(low.mean) + abs(high.mean))
     return StatementPoint(difference_of(low, high), above(0.0), NEGLIGIBLE * level)
 
 
 def close(key: str, statement: str, points: Sequence[Pair]) -> StatementVerdict:
-    """Return the verdict on whether two rows are as good as equal: within one standard deviation over the runs.
+    """Verdict on whether two rows are as good as equal: within one standard deviation over the runs.
 
     Args:
         key: id of the verdict.
@@ -598,7 +678,7 @@ def close(key: str, statement: str, points: Sequence[Pair]) -> StatementVerdict:
 
 
 def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> StatementVerdict:
-    """Return the verdict on a printed number: within `NEAR` of it (a share), in part within `FAR`.
+    """Verdict on a printed number: within `NEAR` of it (a share), in part within `FAR`.
 
     Args:
         key: id of the verdict.
@@ -612,7 +692,7 @@ def number(key: str, statement: str, paper: float, measured: float, error: float
 
 
 def stated(key: str, statement: str, paper: float, m: Measure) -> StatementVerdict:
-    """Return the verdict on a printed number: within `NEAR` of it (a share), in part within `FAR`.
+    """Verdict on a printed number: within `NEAR` of it (a share), in part within `FAR`.
 
     Args:
         key: id of the verdict.
@@ -625,14 +705,14 @@ def stated(key: str, statement: str, paper: float, m: Measure) -> StatementVerdi
 
 
 def printed(key: str, statement: str, number: float, row: PaperRow | None) -> StatementVerdict:
-    """Return the verdict on a printed number to its digits: within two units of the last; in part within `NEAR`.
+    """Verdict on a printed number to its digits: within two units of the last; in part within `NEAR`.
 
-    Its inputs are rounded too.
+    Two units, since the inputs are rounded too.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
-        number: printed number.
+        number: printed number, with a decimal point.
         row: what was computed; None: missing.
     """
     digits = len(f"{number}".split(".")[1])
@@ -645,7 +725,7 @@ def printed(key: str, statement: str, number: float, row: PaperRow | None) -> St
 
 
 def factor(key: str, statement: str, paper: float, low: PaperRow | None, high: PaperRow | None) -> StatementVerdict:
-    """Return the verdict on a printed quotient, above 1, of the means of `high` and `low`.
+    """Verdict on a printed quotient, above 1, of the means of `high` and `low`.
 
     Within `NEAR` of it (a share); in part if it has at least half of the excess over 1.
 
@@ -654,7 +734,7 @@ def factor(key: str, statement: str, paper: float, low: PaperRow | None, high: P
         statement: text of the statement.
         paper: printed quotient.
         low: row of the denominator; None: missing, nothing is decided.
-        high: row of the numerator; None: likewise.
+        high: row of the numerator; None: missing, nothing is decided.
     """
     m = quotient_of(high, low) if low is not None and high is not None else estimate(math.nan, math.nan, 0)
     rule = f"within {NEAR:.0%} of it; in part if at least half of the excess over 1"

@@ -15,7 +15,7 @@ MAX_PEOPLE = 1000
 
 @dataclass(frozen=True)
 class PlanConfig(Settings):
-    """Settings of walkers, accuracy of the map, and the placement criterion; lengths in the scene's unit."""
+    """Settings of the walking people, the filter, and the map of expected errors; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "plan"
 
@@ -114,6 +114,6 @@ class PlanConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that the time window has a suitable number of steps."""
+        """Constraints, each as setting, whether it holds, and allowed values: the time window has 2 to 20000 steps."""
         steps = self.settling_s * self.rate_hz
         yield "settling_s", 2 <= steps <= 20_000, "2 to 20000 steps long"

@@ -34,7 +34,10 @@ TRIANGLE = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 
 
 class StepNoise(NamedTuple):
-    """Process noise of a step without a turn, per axis, and velocity variance after a turn."""
+    """Process noise of a step without a turn, per axis: variances of position and velocity, and covariance `both`.
+
+    `fresh` is the variance of each velocity component after a turn.
+    """
 
     position: float
     both: float  # of position and velocity
@@ -55,23 +58,22 @@ def run_filter(
     dt: float,
     keep: int,
 ) -> tuple[Floats, Floats]:
-    """Compute filter errors at the last steps of each of N paths of T steps.
+    """Compute the position estimates of a filter and their error covariances at the last steps of N paths of T steps.
 
     Args:
-        ways: (N, T, 2) positions of targets.
-        information: (3, N, T) xx, xy, yy of the Fisher information I of each step about the position.
-        noise: (2, N, T) the measurement of a position x is I x + this; its covariance is I.
-        start: (2,) the position that is expected first.
-        prior: (2, 2) its covariance.
+        ways: (N, T, 2) true positions of targets.
+        information: (3, N, T) xx, xy, yy of the Fisher information I of each step's measurements about the position.
+        noise: (2, N, T) measurement noise: a step measures I x + noise for a position x; its covariance is I.
+        start: (2,) prior mean of the position.
+        prior: (2, 2) prior covariance of the position.
         turn: probability that the target turns in a step.
-        assumed: noise of a step assumed by the filter.
-        true: noise of the walk.
-        dt: between steps [s].
-        keep: number of the last steps that are requested.
+        assumed: process noise that the filter assumes.
+        true: process noise of the walk.
+        dt: time between steps [s].
+        keep: number of the last steps that are returned.
 
     Returns:
-        (N, keep, 2) positions that the filter expects.
-        (N, keep, 3) xx, xy, yy of the covariance of their errors.
+        (N, keep, 2) estimated positions, and (N, keep, 3) xx, xy, yy of the covariance of their errors.
     """
     steps = ways.shape[1]
     positions, spread = np.empty((ways.shape[0], keep, 2)), np.empty((ways.shape[0], keep, 3))
@@ -112,11 +114,11 @@ def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Fl
     """Write mean and covariance of the position over all hypotheses to `position` and `spread`.
 
     Args:
-        rows: hypotheses, columns as `PROBABILITY` to `WIDTH`.
+        rows: (> n, `WIDTH`) hypotheses: probability, state, triangles of the assumed and the true covariance.
         n: number of rows in use.
         first: column of the covariance: `FILTER_COVARIANCE` or `TRUE_COVARIANCE`.
-        position: (2,) output.
-        spread: (3,) output: xx, xy, yy.
+        position: (2,) filled: mean.
+        spread: (3,) filled: xx, xy, yy of the covariance.
     """
     x, y = 0.0, 0.0
     for h in range(n):
@@ -134,10 +136,12 @@ def _moments_into(rows: Floats, n: int, first: int, position: Floats, spread: Fl
 
 @kernel
 def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
-    """Write hypothesis n to `rows`: the target turns now; multiply the probabilities of the others by 1 - turn.
+    """Add hypothesis n that the target turns now, in place; the probabilities of the others are multiplied by 1 - turn.
+
+    Its position has the moments over all others, its velocity is 0 with the variance `fresh`.
 
     Args:
-        rows: (> n, `WIDTH`) hypotheses, changed in place.
+        rows: (> n, `WIDTH`) hypotheses: probability, state, triangles of the assumed and the true covariance.
         n: number of hypotheses before.
         turn: probability of a turn in this step.
         fresh: variance of each component of the velocity after a turn.
@@ -167,11 +171,11 @@ def _turn_into(rows: Floats, n: int, turn: float, fresh: float) -> None:
 
 @kernel
 def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNoise) -> None:
-    """Predict hypothesis h by a step, in place.
+    """Predict hypothesis h by a step of constant velocity, in place.
 
     Args:
-        rows: hypotheses, columns as `PROBABILITY` to `WIDTH`.
-        h: row.
+        rows: (n, `WIDTH`) hypotheses: probability, state, triangles of the assumed and the true covariance.
+        h: row of the hypothesis.
         dt: length of the step [s].
         assumed: noise added to the covariance that the filter assumes.
         true: noise added to the covariance of the actual errors.
@@ -184,7 +188,10 @@ def _move_into(rows: Floats, h: int, dt: float, assumed: StepNoise, true: StepNo
 
 @kernel
 def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
-    """Predict the triangle P (10,) of a covariance of (x, y, vx, vy) by `dt` [s] and `noise`, in place."""
+    """Predict the covariance of (x, y, vx, vy), given as its upper triangle P (10,), by `dt` [s], in place.
+
+    `noise` is the process noise that is added.
+    """
     P[0] += dt * (2.0 * P[2] + dt * P[7]) + noise.position
     P[1] += dt * (P[3] + P[5] + dt * P[8])
     P[4] += dt * (2.0 * P[6] + dt * P[9]) + noise.position
@@ -198,13 +205,15 @@ def _spread_into(P: Floats, dt: float, noise: StepNoise) -> None:
 
 @kernel
 def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
-    """Update all hypotheses by the measurement of a step; return the number kept (at the front).
+    """Update all hypotheses by the measurement of a step, in place; return the number kept (at the front).
+
+    Those less probable than `MIN_HYPOTHESIS_PROBABILITY` are dropped.
 
     Args:
-        rows: hypotheses.
-        n: how many there are.
-        information: (7,) xx, xy, yy of the information, the position, and the noise.
-        work: (4, 8) room for gains.
+        rows: (>= n, `WIDTH`) hypotheses: probability, state, triangles of the assumed and the true covariance.
+        n: number of hypotheses.
+        information: (7,) xx, xy, yy of the Fisher information; true position x, y; measurement noise x, y.
+        work: (4, 8) buffer.
     """
     best = -math.inf
     for h in range(n):
@@ -229,14 +238,15 @@ def _weigh_into(rows: Floats, n: int, information: Floats, work: Floats) -> int:
 
 @kernel
 def _update_into(row: Floats, information: Floats, work: Floats) -> float:
-    """Update a hypothesis by a measurement, in place; return its log likelihood up to a common constant.
+    """Update a hypothesis by a measurement, in place; return its log-likelihood up to a constant common to all.
 
-    With M = 1 + I P_xx: gain W = P_x M^-1 for the report minus I x, G = W I for the position; the filter covariance
-    becomes P - G P_x^T, the actual one (1 - G H) R (1 - G H)^T + W I W^T.
+    The measurement is I x + noise. With M = 1 + I P_xx: gain W = P_x M^-1 for it minus I x, G = W I for the
+    position; the filter covariance becomes P - G P_x^T, that of the actual errors (1 - G H) R (1 - G H)^T + W I
+    W^T.
 
     Args:
-        row: (`WIDTH`,) the hypothesis.
-        information: (7,) xx, xy, yy of the information I, the position, and the noise.
+        row: (`WIDTH`,) hypothesis: probability, state, triangles of the assumed and the true covariance.
+        information: (7,) xx, xy, yy of the Fisher information I; true position x, y; measurement noise x, y.
         work: (4, 8) buffer for gains.
     """
     xx, xy, yy = information[0], information[1], information[2]
@@ -272,7 +282,8 @@ def _update_into(row: Floats, information: Floats, work: Floats) -> float:
 def _merge_into(rows: Floats, n: int) -> None:
     """Merge those two neighbours of n hypotheses with the least loss, in place; n - 1 rows remain.
 
-    The loss is their distance (Mahalanobis, and of the log velocity variances) times p1 p2 / (p1 + p2).
+    The loss is their distance (Mahalanobis, and of the log velocity variances) times p1 p2 / (p1 + p2). `rows` are
+    probability, state, and triangles of the assumed and the true covariance.
     """
     at, least = 0, math.inf
     for h in range(n - 1):
@@ -309,7 +320,11 @@ MIN_VELOCITY_VARIANCE = 1e-18
 
 
 class Motion(NamedTuple):
-    """Second moments of a walk; computed in `occlog.plan.walks`."""
+    """Parameters of a random walk fitted to its second moments: speed, turn rate and position noise.
+
+    `speed`: root mean square velocity [length/s]; `turns`: rate at which the velocity is redrawn [1/s]; `sigma`:
+    position noise per axis, accumulated over 1 s [length].
+    """
 
     speed: float  # root mean square of the velocity, per second
     turns: float  # how often a second the velocity is forgotten
@@ -317,30 +332,40 @@ class Motion(NamedTuple):
 
 
 class FilterNoise(NamedTuple):
-    """Process noise assumed by a filter between turns, per axis, accumulated over 1 s; at least that of the walk."""
+    """Process noise that a filter assumes between turns, per axis, accumulated over 1 s.
+
+    `sigma_v` of the position [length], at least that of the walk in use; `sigma_a` of the velocity [length/s].
+    """
 
     sigma_v: float  # of the position
     sigma_a: float  # of the velocity
 
 
 class Reports(NamedTuple):
-    """Measurement information for N targets at T steps."""
+    """Simulated measurements of N targets at T steps: Fisher information I of each step, and noise.
+
+    A step measures I x + noise for the position x; the covariance of the noise is I.
+    """
 
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information I of each step about the position
     noise: Floats  # (2, N, T) the error of the measurement, in units of I times a position; its covariance is I
 
 
 class ExpectedPosteriors(NamedTuple):
-    """Expected posteriors of N targets at K steps, with error covariances."""
+    """Position estimates of a filter for N targets at K steps (N, K, 2), with error covariances (N, K, 2, 2)."""
 
     position: Floats  # (N, K, 2)
     covariance: Floats  # (N, K, 2, 2)
 
 
 def noise_of(information: Floats, chance: Floats) -> Floats:
-    """Return measurement errors (2, N, T) with the covariance `information` (3, N, T: xx, xy, yy).
+    """Noise (2, N, T) of a measurement in information form: the information matrix times the error of a position.
 
-    `chance`: (2, N, T) standard normals, which a root of the covariance multiplies.
+    The covariance of this noise is the information matrix itself.
+
+    Args:
+        information: (3, N, T) entries xx, xy, yy of the information matrix of N targets at T steps.
+        chance: (2, N, T) standard normal numbers, which the Cholesky factor of the matrix multiplies.
     """
     xx, xy, yy = information
     root = np.sqrt(xx)
@@ -358,16 +383,16 @@ def errors_along(
     dt: float,
     keep: int = 1,
 ) -> ExpectedPosteriors:
-    """Return filter errors for measurements of N targets along their paths, at the last `keep` steps.
+    """Return position estimates and error covariances of a filter for N targets along their paths, at the last steps.
 
     Args:
-        ways: (N, T, 2) positions.
-        reports: measurement information.
+        ways: (N, T, 2) true positions.
+        reports: simulated measurements.
         start: (2,) mean and (2, 2) covariance of the position before any measurement.
-        motion: of the targets.
+        motion: parameters of the targets' walk.
         belief: process noise that the filter assumes.
         dt: time between steps [s].
-        keep: number of steps, 1 to T.
+        keep: number of last steps, 1 to T.
     """
     fresh = max(0.5 * motion.speed**2, MIN_VELOCITY_VARIANCE)
     position, spread = run_filter(
@@ -386,7 +411,7 @@ def errors_along(
 
 
 def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoise:
-    """Return the process noise of a step without a turn.
+    """Process noise of a step without a turn.
 
     Args:
         sigma: random walk of the position, per axis [length/s^0.5].
@@ -399,7 +424,7 @@ def step_noise(sigma: float, sigma_a: float, fresh: float, dt: float) -> StepNoi
 
 
 def square_error_in_room(covariance: Floats, at: Floats, floor: Floats, size: Floats) -> Floats:
-    """Return the mean square error (N,) if the filter knows that the target is on the floor: of a truncated normal.
+    """Mean square errors (N,) of normal distributions truncated to the floor, never above the trace of the covariance.
 
     Computed by summation over cells of the floor; a normal narrower than a cell is unchanged.
 
@@ -408,9 +433,6 @@ def square_error_in_room(covariance: Floats, at: Floats, floor: Floats, size: Fl
         at: (N, 2) their means.
         floor: (C, 2) centres of the cells of the floor.
         size: (2,) sides of a cell.
-
-    Returns:
-        (N,); never above the trace of the covariance.
     """
     out = np.trace(covariance, axis1=1, axis2=2).copy()
     wide = np.flatnonzero(out > float(size @ size) / 4.0)

@@ -30,9 +30,9 @@ MAP = "viridis_r"
 
 
 class MapPicture(NamedTuple):
-    """Content of the two maps: scene, map table by cells, found placements, and the error up to which cells are dotted.
+    """Content of the maps of a plan: scene, map table by cells, sides of a cell (2,), and added sensors.
 
-    `size` (2,) are the sides of a cell; `within` None dots no cells.
+    Cells with an expected error below `within` are dotted; None: no dots.
     """
 
     scene: Scene
@@ -63,7 +63,10 @@ def size_of(what: MapPicture) -> tuple[float, float]:
 
 
 def draw_maps(figure: FigureBase, what: MapPicture) -> None:
-    """Draw the maps of the expected error and of the share seen by two sensors into a figure, inside `house_style`."""
+    """Draw the maps of the expected error and of the probability of being seen by two sensors into a figure.
+
+    To be called inside `house_style`.
+    """
     unit = label(what.scene.length_unit)
     left, right = figure.subplots(1, 2)
     rmse = what.table.rmse
@@ -177,7 +180,7 @@ def plan_page(what: PageInput) -> str:
 
 
 def _figures(summary: Mapping[str, object], unit: str) -> list[tuple[str, str]]:
-    """Return (name, formatted value) of the figures of a plan's summary, for the table of the page."""
+    """Name and formatted value of each figure of a plan's summary, for the page; `unit` is that of length."""
     number = {name: value for name, value in summary.items() if isinstance(value, int | float)}
     out = [
         (f"expected error over the floor, RMSE [{unit}]", f"{number[f'rmse_{unit}']:.3f}"),

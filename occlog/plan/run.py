@@ -49,7 +49,10 @@ PLACES = 16
 
 @dataclass(frozen=True)
 class Rankings:
-    """Rankings of sensors by the error over the floor with, or without, them; None: not requested."""
+    """Rankings of sensors by the expected error over the floor; None: not requested.
+
+    `candidates`: with one more sensor each; `added`: sensors added one after the other; `without`: with one less each.
+    """
 
     candidates: tuple[PlacementCandidate, ...] | None
     added: tuple[PlacementCandidate, ...] | None
@@ -57,7 +60,7 @@ class Rankings:
 
 
 def run_plan(request: PlanRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Compute the plan, and write the requested outputs; return the summary and the losses of reading the paths."""
+    """Compute the plan, and write the requested outputs; return the summary and the losses of the file of paths."""
     _check(request)
     scene = load_scene(request.scene, None, request.scene)
     config = configure(PlanConfig.in_unit(scene.length_unit), request.settings)
@@ -168,7 +171,7 @@ def _rank(request: PlanRequest, planned: PreparedPlan, candidates: Sequence[Sens
 
 
 def caveats(scene: Scene, table: PlanMap) -> list[str]:
-    """Return warnings about cameras without a pose, readers (both skipped), and a floor that is rarely seen."""
+    """Return warnings: cameras without a pose and readers, which are skipped, and a target rarely seen."""
     out = []
     unplaced = [camera.name for camera in scene.cameras if not camera.placed]
     if unplaced:
@@ -214,13 +217,13 @@ def _summary(request: PlanRequest, planned: PreparedPlan, table: PlanMap, rankin
 
 
 def _listed(ranking: Sequence[PlacementCandidate], unit: str) -> InWords:
-    """Names and errors of the sensors in a ranking, for people."""
+    """Sensors of a ranking as records, with text of their names and errors for people."""
     words = ", ".join(f"{placed.sensor.name} {placed.rmse:.3g}" for placed in ranking)
     return InWords([placed_as_dict(placed, unit) for placed in ranking], words)
 
 
 def placed_as_dict(placed: PlacementCandidate, unit: str) -> dict[str, object]:
-    """Return name, kind, position, yaw [deg] of a sensor, and the RMSE over the floor with or without it, in `unit`."""
+    """Name, kind, position and yaw [deg] of a ranked sensor, and its RMSE over the floor, in `unit`, as a record."""
     sensor = placed.sensor
     return {
         "name": sensor.name,

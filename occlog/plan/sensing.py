@@ -35,19 +35,20 @@ def hide_behind_crowd(
     diameter: float,
     least_share: float,
 ) -> None:
-    """Set `seen` to False, in place, where a person's disc is between sensor and target.
+    """Set `seen` to False, in place, where a person's disc occludes the target from the sensor.
 
-    The disc occludes the target if its centre is in the rectangle from the sensor to the target, as wide as the disc.
+    A disc occludes if its centre is in the rectangle from the sensor to the target, as wide as the disc ([Ercan] Fig.
+    3).
 
     Args:
-        seen: (N, T) what the sensor would see without a crowd.
-        ways: (N, T, 2) of targets.
-        origin: (2,) the sensor.
-        people: (K, n, 2) walk of all people.
-        first: (N,) step of that walk at which each target's way begins.
-        own: (N,) which of the people the target is, who does not hide itself; -1: none of them.
-        diameter: of discs.
-        least_share: of the line of sight, from the sensor, beyond which it is low enough for heads; 0: everywhere.
+        seen: (N, T) mask of steps at which the sensor would see the target without a crowd.
+        ways: (N, T, 2) positions of targets.
+        origin: (2,) ground position of the sensor.
+        people: (K, n, 2) positions of all people in K steps.
+        first: (N,) step in `people` at which each target's path begins.
+        own: (N,) index of the target among the people, who does not occlude itself; -1: none of them.
+        diameter: diameter of a disc [length].
+        least_share: share of the line of sight, from the sensor, beyond which it is below people's heads; 0: all of it.
     """
     half = 0.5 * diameter
     for i in range(ways.shape[0]):
@@ -77,7 +78,11 @@ Sensor = Camera | MicrophoneArray
 
 
 class ExpectedInformation(NamedTuple):
-    """Expected reports and information of one sensor about N targets in T time steps."""
+    """Simulated reports of one sensor, or several together, about N targets in T time steps.
+
+    Mask (N, T) of reports, and xx, xy, yy of the Fisher information about the position (3, N, T) [length^-2], 0 without
+    a report.
+    """
 
     seen: Bools  # (N, T) whether it reports the target
     information: Floats  # (3, N, T) xx, xy, yy of the Fisher information about the position; 0 where not seen
@@ -94,10 +99,10 @@ def detection_of(sensor: Sensor) -> float:
 
 
 def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig) -> Bools:
-    """Return the mask (N, T) of targets that the sensor can see or hear in each step of their paths.
+    """Mask (N, T) of targets that a sensor can see or hear in each step of their paths.
 
-    A camera's targets are in the field of view and range, not hidden by obstacles or people (`walked`); an array hears
-    all within its range.
+    For a camera targets are in the field of view and range, and not hidden by obstacles or people; an array hears all
+    within its range. `walked` has the paths of targets and people.
     """
     n, steps = walked.ways.shape[:2]
     xy = walked.ways.reshape(-1, 2)
@@ -122,7 +127,10 @@ def unoccluded_view(sensor: Sensor, scene: Scene, walked: Walked, config: PlanCo
 
 
 def share_below_heads(camera: Camera, config: PlanConfig) -> float:
-    """Share of the line of sight, from the camera, beyond which it is below people's heads."""
+    """Share of the line of sight from a camera to the target, 0 to 1, beyond which it is below people's heads.
+
+    0 if the height of the people or the camera is unknown, or the camera is not above them: all can occlude.
+    """
     above = float(camera.position[2])
     if config.height is None or not camera.has_height or above <= config.height:
         return 0.0
@@ -134,7 +142,7 @@ def share_below_heads(camera: Camera, config: PlanConfig) -> float:
 def information_of_sensor(
     sensor: Sensor, scene: Scene, walked: Walked, config: PlanConfig, seed: int
 ) -> ExpectedInformation:
-    """Return the reports of one sensor about all targets, and their Fisher information.
+    """Simulate the reports of one sensor about all targets, and compute their Fisher information.
 
     It reports a target that it sees in a new frame, with its probability of detection. Random numbers depend on the
     sensor's name and the seed only.
@@ -156,7 +164,7 @@ def information_of_sensor(
 
 
 def _information(sensor: Sensor, xy: Floats, config: PlanConfig) -> Floats:
-    """Return the Fisher information (N, 2, 2) of one report about the target's position, at positions `xy` (N, 2)."""
+    """Fisher information (N, 2, 2) of one report of a sensor about the target's position, at positions `xy` (N, 2)."""
     if isinstance(sensor, Camera):
         return camera_information(
             xy,

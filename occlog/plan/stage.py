@@ -44,16 +44,30 @@ MAX_WALK_STEPS = 5_000_000
 
 
 class PreparedPlan(NamedTuple):
-    """A scene prepared for planning: cells, walks, and information of each sensor."""
+    """A scene prepared for planning: C floor cells, walks through them, and the information of each sensor.
+
+    Attributes:
+        scene: scene with room and sensors.
+        cells: floor cells.
+        weight: (C,) weight of each cell; their sum is 1.
+        visits: visits of people to cells.
+        walked: paths of N targets in T steps through the cells, and all people.
+        information: expected information of the sensors along the paths, by name.
+        chance: (2, N, T) standard normal numbers of all measurement noise.
+        start: mean (2,) and covariance (2, 2) of a position in the room.
+        motion: fitted parameters of the walks.
+        config: settings.
+        seed: seed of all random numbers.
+    """
 
     scene: Scene
     cells: FloorCells
-    weight: Floats  # (C,) sums to 1
+    weight: Floats
     visits: Visits
     walked: Walked
-    information: dict[str, ExpectedInformation]  # by sensor
-    chance: Floats  # (2, N, T) standard normals, of which the errors of all that is reported are made
-    start: tuple[Floats, Floats]  # (2,) mean and (2, 2) covariance of a position in the room
+    information: dict[str, ExpectedInformation]
+    chance: Floats
+    start: tuple[Floats, Floats]
     motion: Motion
     config: PlanConfig
     seed: int
@@ -67,17 +81,18 @@ def sensors_of(scene: Scene) -> tuple[Sensor, ...]:
 def prepare(
     scene: Scene, config: PlanConfig, seed: int, also: Sequence[Sensor] = (), paths: Floats | None = None
 ) -> PreparedPlan:
-    """Simulate walks and crowds for a scene, and compute the information of its sensors.
+    """Simulate walks and crowds for a scene, and compute the Fisher information of its sensors.
 
     Args:
-        scene: with a room and sensors.
-        config: who walks about.
-        seed: of the walks.
-        also: sensors that may be added: the steps suit their rates too.
-        paths: (P, 2) positions that weigh the floor by how many of them there are; None: evenly.
+        scene: scene with a room and sensors.
+        config: settings of the walking people and the filter.
+        seed: seed of all random numbers.
+        also: sensors that may be added; the time step suits their rates, too.
+        paths: (P, 2) positions by whose density the floor is weighted; None: evenly.
 
     Raises:
-        InputError: the scene has no room, or no sensor with a pose; people do not fit; all paths are elsewhere.
+        InputError: the scene has no room, or no sensor with a pose; people do not fit; the problem is too large; or all
+            paths are outside the room.
     """
     cells, own = cells_of(scene, config.cells), sensors_of(scene)
     if not own and not also:
@@ -114,9 +129,9 @@ def prepare(
 
 
 def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
-    """Return the weights (C,) of the cells: equal ones, or the shares of `paths` (P, 2) nearest to each cell.
+    """Weights (C,) of the cells, summing to 1: equal, or the shares of positions nearest to each cell.
 
-    InputError if none of these positions is in the room.
+    `paths` (P, 2) are the positions, None for equal weights. InputError if none of them is in the room.
     """
     if paths is None:
         return np.full(len(cells.xy), 1.0 / len(cells.xy))
@@ -132,14 +147,14 @@ def _weights(cells: FloorCells, paths: Floats | None) -> Floats:
 
 
 def filter_noise_of(config: PlanConfig) -> FilterNoise:
-    """Process noise that the filter assumes between turns."""
+    """Process noise that the filter assumes between turns, from the settings."""
     return FilterNoise(config.filter_process_noise_position, config.filter_process_noise_velocity)
 
 
 def expected(planned: PreparedPlan, information: Sequence[ExpectedInformation]) -> ExpectedPosteriors:
-    """Return the filter's errors at the last steps of each path, without the room's prior.
+    """Position estimates and error covariances at the last step of each path, for a set of sensors.
 
-    `information`: of each sensor of the set.
+    The walls of the room are not taken into account. `information` is that of each sensor of the set.
     """
     walked = planned.walked
     total = np.zeros((3, *walked.ways.shape[:2]))
@@ -150,9 +165,9 @@ def expected(planned: PreparedPlan, information: Sequence[ExpectedInformation]) 
 
 
 def square_errors(planned: PreparedPlan, found: ExpectedPosteriors) -> Floats:
-    """Return the mean square errors (C, draws) of each path to each of the C cells, with the room's prior.
+    """Mean square errors (C, draws) of each path to each of the C cells, given that the target is in the room.
 
-    `found`: filter errors of the paths, of which the last step is taken.
+    `found` are the filter's results for the paths, of which the last step is used.
     """
     cells = planned.cells
     square = square_error_in_room(found.covariance[:, -1], found.position[:, -1], cells.xy, cells.size)
@@ -165,7 +180,7 @@ def expected_error(planned: PreparedPlan, information: Sequence[ExpectedInformat
 
 
 def plan_map(planned: PreparedPlan) -> PlanMap:
-    """Expected errors of the scene's sensors at each position."""
+    """Compute the map of a plan for the scene's sensors: expected error and probabilities of being seen per cell."""
     information = list(planned.information.values())
     before = expected(planned, information)
     square = square_errors(planned, before)
@@ -190,7 +205,7 @@ def plan_map(planned: PreparedPlan) -> PlanMap:
 
 
 def _seen_by(planned: PreparedPlan) -> tuple[Floats, Floats]:
-    """Return the probabilities (C,) that no sensor, and (C,) that exactly one, reports a target arriving at a cell."""
+    """Probabilities (C,) that no sensor, and (C,) that exactly one, reports a target in each cell, among the people."""
     count, walked = len(planned.cells.xy), planned.walked
     still = paths_through_cells(planned.visits, walked.people, SNAPSHOTS, 1, walked.dt)
     none, one = np.ones(len(still.own)), np.zeros(len(still.own))
@@ -211,7 +226,7 @@ def worst_cell(table: PlanMap) -> int:
 
 
 class PlacementCandidate(NamedTuple):
-    """A candidate sensor, with the error over the floor with it (or without it)."""
+    """A sensor, with the root mean square error over the floor with it added, or with it removed."""
 
     sensor: Sensor
     rmse: float
@@ -222,7 +237,7 @@ def rank_candidates(
 ) -> list[PlacementCandidate]:
     """Rank candidates by the error with each added to the scene's sensors, best first; ties in the order given.
 
-    `also`: information of sensors that were added before.
+    `also` is the information of sensors that were added before.
     """
     information = [_sum([*planned.information.values(), *also])] if planned.information or also else []
     found = []
@@ -238,9 +253,9 @@ def add_greedily(
     """Generate up to `count` sensors, each time the one that reduces the expected error most.
 
     Args:
-        planned: the prepared scene.
-        ranked: candidates by their error alone, best first (`rank_candidates`).
-        count: largest number of sensors.
+        planned: prepared scene.
+        ranked: candidates by the error with each alone added, best first (`rank_candidates`).
+        count: maximum number of sensors.
     """
     also: list[ExpectedInformation] = []
     left = list(ranked)
@@ -262,7 +277,7 @@ def rank_removal(planned: PreparedPlan) -> list[PlacementCandidate]:
 
 
 def _sum(terms: Sequence[ExpectedInformation]) -> ExpectedInformation:
-    """Return the sum of the information of several sensors."""
+    """Combine several sensors: union of their reports, and sum of their information."""
     seen, information = terms[0].seen.copy(), terms[0].information.copy()
     for one in terms[1:]:
         seen |= one.seen
@@ -271,12 +286,12 @@ def _sum(terms: Sequence[ExpectedInformation]) -> ExpectedInformation:
 
 
 def along_walls(scene: Scene, like: Camera, spacing: float) -> tuple[Camera, ...]:
-    """Copies of a camera along the walls, each pointing at the middle of the room.
+    """Copies of a camera along the walls of the room, each directed at the mean of its corners.
 
     Args:
-        scene: with a room.
-        like: its lens, noise and rate.
-        spacing: between two positions on a wall at most; corners are positions.
+        scene: scene with a room.
+        like: camera whose height, pitch, lens, noise and rate are copied.
+        spacing: largest distance between two positions on a wall [length]; corners are positions.
     """
     assert scene.room is not None
     middle = scene.room.mean(axis=0)

@@ -42,17 +42,28 @@ FINE = 2000
 
 
 class Walked(NamedTuple):
-    """N targets on their paths, and all people at the same times (the targets among them)."""
+    """N targets on their paths of T steps, and all n people at the same times (the targets among them).
 
-    ways: Floats  # (N, T, 2)
-    people: Floats  # (K, n, 2) the walk of all
-    first: Ints  # (N,) step of that walk at which each way begins
-    own: Ints  # (N,) which of the people the target is; -1: none of them
-    dt: float  # between two steps [s]
+    Attributes:
+        ways: (N, T, 2) positions of the targets.
+        people: (K, n, 2) positions of all people in K steps.
+        first: (N,) step among the K at which a target's path begins.
+        own: (N,) index of the target among the people; -1: none of them.
+        dt: time between steps [s].
+    """
+
+    ways: Floats
+    people: Floats
+    first: Ints
+    own: Ints
+    dt: float
 
 
 class Visits(NamedTuple):
-    """Visits of people to cells of the floor: those of cell k are rows begin[k] to begin[k + 1]."""
+    """V visits of people to C floor cells; those of cell k are rows begin[k] to begin[k + 1] - 1.
+
+    `step` (V,) is the step of the walk, `own` (V,) the index of the person.
+    """
 
     step: Ints  # (V,) of the walk
     own: Ints  # (V,) who
@@ -60,7 +71,7 @@ class Visits(NamedTuple):
 
 
 class FloorCells(NamedTuple):
-    """C nearly square rectangles of the floor: their centres, and the sides of all."""
+    """C rectangles, nearly square, that cover the free floor: their centres (C, 2), and the sides of each (2,)."""
 
     xy: Floats  # (C, 2) their middles
     size: Floats  # (2,) their sides
@@ -91,7 +102,7 @@ def cells_of(scene: Scene, count: int) -> FloorCells:
 
 
 def _grid(low: Floats, high: Floats, size: float) -> Floats:
-    """Return the centres (N, 2) of a grid of rectangles of about `size` a side, row by row from below.
+    """Centres (N, 2) of a grid of rectangles with sides of about `size`, row by row from below.
 
     It fills the rectangle with the corners `low` (2,) and `high` (2,) exactly.
     """
@@ -101,17 +112,17 @@ def _grid(low: Floats, high: Floats, size: float) -> Floats:
 
 
 def _numbers(low: Floats, high: Floats, size: float) -> Ints:
-    """Return the number (2,) of rectangles of about `size` a side along x and y, from corner `low` to `high`."""
+    """Number (2,) of rectangles with sides of about `size` along x and y, from corner `low` (2,) to `high` (2,)."""
     return np.asarray(np.maximum(1, np.rint((high - low) / size)), dtype=np.int64)
 
 
 def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed: int) -> Floats:
     """Simulate positions (K, n, 2) of n people, the target among them, in K steps of `dt` [s].
 
-    `WALKED` steps of all people have at least `steps` - 1 steps before them.
+    At least `WALKED` steps of all people together have `steps` - 1 steps before them.
 
     Raises:
-        InputError: they do not fit into the room.
+        InputError: the people do not fit into the room, or crossing it takes too many steps.
     """
     n = crowd_size(scene, config) + 1
     world = WorldConfig(
@@ -146,7 +157,7 @@ def simulate_crowd(scene: Scene, config: PlanConfig, dt: float, steps: int, seed
 
 
 def crowd_size(scene: Scene, config: PlanConfig) -> int:
-    """Return the number of people other than the target: as stated, or density times the area of the floor.
+    """Number of people other than the target: as stated, or density times the area of the floor.
 
     InputError if there are more than `MAX_PEOPLE`.
     """
@@ -167,7 +178,7 @@ def crowd_size(scene: Scene, config: PlanConfig) -> int:
 def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
     """Visits of people who have walked at least `steps` steps to each cell, sorted by time.
 
-    A cell without visits has those of the nearest cell with visits.
+    `people` (K, n, 2) are their positions. A cell without visits has those of the nearest cell with visits.
     """
     n = people.shape[1]
     cell = nearest_cell(cells, people[steps - 1 :].reshape(-1, 2))
@@ -181,14 +192,14 @@ def cell_visits(cells: FloorCells, people: Floats, steps: int) -> Visits:
 
 
 def paths_through_cells(visits: Visits, people: Floats, draws: int, steps: int, dt: float) -> Walked:
-    """Return paths of `steps` steps that end in each cell, `draws` of each, evenly spread over the cell's visits.
+    """Paths of `steps` steps that end in each cell, `draws` of each, evenly spread over the cell's visits.
 
     Args:
-        visits: of people to cells; each is late enough in the walk for a whole path.
-        people: (K, n, 2) walk of n people in K steps.
+        visits: visits of people to cells; each is late enough in the walk for a whole path.
+        people: (K, n, 2) positions of n people in K steps.
         draws: number of paths for each cell.
         steps: number of steps of a path.
-        dt: between two steps [s].
+        dt: time between two steps [s].
     """
     spread = (np.arange(draws) + 0.5) / draws
     chosen = (visits.begin[:-1, None] + spread * np.diff(visits.begin)[:, None]).astype(np.int64).ravel()
@@ -204,11 +215,11 @@ def nearest_cell(cells: FloorCells, xy: Floats) -> Ints:
 
 
 def moments_of(people: Floats, dt: float) -> Motion:
-    """Fit the motion parameters to the steps of a walk.
+    """Fit speed, turn rate and position noise of a random walk to the second moments of its steps.
 
     Args:
-        people: (K, n, 2) their positions, K >= 3.
-        dt: between two steps [s].
+        people: (K, n, 2) positions of n people, K >= 3.
+        dt: time between two steps [s].
     """
     steps = np.diff(people, axis=0)
     alone, next_one = _agreement(steps, 0), _agreement(steps, 1)
@@ -222,12 +233,12 @@ def moments_of(people: Floats, dt: float) -> Motion:
 
 
 def _agreement(steps: Floats, lag: int) -> float:
-    """Return the mean inner product of steps (K, n, 2) of a walk and those `lag` steps later."""
+    """Mean inner product of steps (K, n, 2) of a walk with those `lag` steps later [length^2]."""
     return float(np.mean(np.einsum("tni,tni->tn", steps[: len(steps) - lag], steps[lag:])))
 
 
 def _half(steps: Floats, whole: float) -> float:
-    """Return the number of steps after lag 1 at which the correlation of `steps` (K, n, 2) is half of `whole`.
+    """Number of steps after lag 1 at which the autocorrelation of `steps` (K, n, 2) is half of `whole`, that at lag 1.
 
     Found by doubling and bisection, and interpolated between two lags; extrapolated from the longest lag if the walk is
     too short.

@@ -200,8 +200,8 @@ class SoundConfig(Settings):
 class ReadConfig(Settings):
     """Settings of tag readers; every target carries a tag.
 
-    A read at a distance of d metres has the strength power - 10 exponent log10(d), plus the shadowing of the reader and
-    tag, which changes slowly, plus white noise.
+    A read at a distance of d metres has the strength power - 10 exponent log10(d) [dBm], plus the shadowing of the
+    reader and tag, which changes slowly, plus white noise.
     """
 
     OWNER: ClassVar[str] = "reads"
@@ -261,9 +261,9 @@ KINDS = ("range", "difference", "strength")
 
 @dataclass(frozen=True)
 class MeasureConfig(Settings):
-    """Settings of distance measurements of cameras and arrays; every target transmits its identity.
+    """Settings of ranges, range differences and signal strengths measured by cameras and arrays.
 
-    Strengths have the path loss, noise and shadowing of reads of tags; readers make these and nothing else.
+    Every target transmits its identity. Strengths have the path loss, noise and shadowing of tag reads.
     """
 
     OWNER: ClassVar[str] = "measure"
@@ -341,7 +341,7 @@ class MeasureConfig(Settings):
 
 @dataclass(frozen=True)
 class RenderConfig(Settings):
-    """Appearance of the video."""
+    """Settings of the rendered video: noise, light, shadows, clothes, and the diameter that gives the scale."""
 
     OWNER: ClassVar[str] = "render"
 

@@ -122,7 +122,7 @@ class SceneRequest(SimulateRequestBase):
 
 @dataclass(frozen=True, kw_only=True)
 class _WithoutFile(SimulateRequestBase):
-    """A video of a built-in scene."""
+    """Request of `occlog simulate` for a video of a built-in scene, in place of a scene file."""
 
     kind: str | None = setting(
         None,
@@ -140,7 +140,7 @@ def _size(settings: BallsConfig | PeopleConfig) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class BallsRequest(_WithoutFile):
-    """The video of balls."""
+    """Request of `occlog simulate --scene balls`: a video of balls."""
 
     RUN: ClassVar[str] = "occlog.simulate.balls.run:run_balls"
 
@@ -151,7 +151,7 @@ class BallsRequest(_WithoutFile):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatePeopleRequest(_WithoutFile):
-    """The video of people of equal appearance."""
+    """Request of `occlog simulate --scene people`: a video of people of equal appearance."""
 
     RUN: ClassVar[str] = "occlog.simulate.run:run_people"
 

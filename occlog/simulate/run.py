@@ -91,9 +91,9 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
     """Resolve the request's settings with scene-dependent defaults; UsageError for conflicting options.
 
     Args:
-        scene: its unit of length decides on the defaults.
-        request: the settings that were given.
-        script: paths of targets; None: random walkers.
+        scene: scene; its unit of length determines the defaults.
+        request: settings that were given.
+        script: scripted paths of targets; None: random walkers.
     """
     if request.fps is not None:
         scene = replace(scene, cameras=tuple(replace(c, rate_hz=request.fps) for c in scene.cameras))
@@ -123,11 +123,11 @@ def make_setup(scene: Scene, request: SceneRequest, script: MotionScript | None 
 
 
 def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleTracks:
-    """People of another file whom the simulated walkers avoid, as circles with the diameter of the walkers.
+    """People of a file whom the simulated walkers avoid, as circles with the diameter of the walkers.
 
     Args:
-        opened: the file.
-        scene: has the unit of length.
+        opened: opened file with tracks or truth.
+        scene: gives the unit of length.
         world: diameter and time steps.
     """
     taken = PeopleAsObstacles(
@@ -137,7 +137,7 @@ def _people(opened: Opened, scene: Scene, world: WorldConfig) -> MovingObstacleT
 
 
 def _check_request(scene: Scene, request: SceneRequest) -> None:
-    """Raise UsageError for options that do not apply to this scene or that state one value twice."""
+    """UsageError for options that do not apply to this scene or that state one value twice."""
     of_video = [flag_of(RenderConfig, name) for name in request.look]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.render:
@@ -176,7 +176,7 @@ def _check_request(scene: Scene, request: SceneRequest) -> None:
 
 
 def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
-    """Settings of randomly walking objects.
+    """Settings of randomly walking objects, from the request and the defaults for the scene's unit.
 
     With video, they keep at least half a diameter from walls unless the user sets `wall_clearance`.
     """
@@ -188,10 +188,10 @@ def _walkers(scene: Scene, request: SceneRequest) -> WorldConfig:
 
 
 def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> WorldConfig:
-    """Number and duration of time steps, numbers of objects and their sizes for scripted paths.
+    """Settings of time steps and objects for scripted paths.
 
     Args:
-        scene: has the unit of length.
+        scene: gives the unit of length.
         request: options, which override the paths file.
         script: contents of the paths file, which override the defaults.
 
@@ -218,12 +218,12 @@ def _scripted(scene: Scene, request: SceneRequest, script: MotionScript) -> Worl
 
 
 def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) -> dict[str, object]:
-    """Return the duration of a step [s], and the number of steps if the request states one, as keyword arguments.
+    """Duration of a step [s] (`step_s`), and the number of steps (`steps`) if a duration is stated.
 
     Args:
-        defaults: has the duration of a step if there is no rate.
+        defaults: gives the duration of a step if there is no rate.
         rate_hz: steps per second; None: not stated.
-        seconds: duration; None: not stated.
+        seconds: duration of the recording; None: not stated.
     """
     step_s = defaults.step_s if rate_hz is None else 1.0 / rate_hz
     steps = {} if seconds is None else {"steps": round(seconds / step_s) + 1}
@@ -231,7 +231,10 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
 
 
 def people_setup(request: SimulatePeopleRequest) -> Setup:
-    """Return all settings of the video of people of similar appearance; 25 frames/s unless `fps` is set."""
+    """Settings of the video of people of equal appearance; 25 frames/s unless `fps` is set.
+
+    UsageError for a number of occluders.
+    """
     if "occluders" in request.world:
         raise UsageError(
             f"{option('occluders')}: all people of this scene are targets; leave it out", id="not-applicable"
@@ -255,14 +258,14 @@ def people_setup(request: SimulatePeopleRequest) -> Setup:
 def write_recording(
     setup: Setup, made: Provenance, output: Path, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, object]:
-    """Write the recording, and return the summary of its contents.
+    """Simulate and write a recording; return the summary of its contents.
 
     Args:
-        setup: what to simulate.
+        setup: all settings.
         made: provenance, with the seed.
-        output: recording; videos are next to it.
+        output: file of the recording; videos are next to it.
         overwrite: replace existing files.
-        quiet: no progress bar.
+        quiet: show no progress bar.
     """
     seed = made.seed or 0
     start = _places_apart(setup, seed) if setup.separate else None
@@ -312,14 +315,14 @@ def parameters(setup: Setup) -> dict[str, object]:
 
 
 def _targets(setup: Setup) -> list[int]:
-    """Return the ascending target numbers."""
+    """Numbers of the targets: rising from 0 for random walkers, those of the script in its order otherwise."""
     if setup.script is None:
         return list(range(setup.world.targets))
     return [t.id for t in setup.script.targets if t.role == "target"]
 
 
 def _places_apart(setup: Setup, seed: int) -> Floats:
-    """Return start positions (n, 2) of people at which they do not occlude each other; UsageError if none are found."""
+    """Start positions (n, 2) of people at which they do not occlude each other; UsageError if none are found."""
     try:
         return people_apart(setup.scene, setup.world.targets, seed)
     except InputError as error:
@@ -327,7 +330,7 @@ def _places_apart(setup: Setup, seed: int) -> Floats:
 
 
 def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | TimeGrid]:
-    """Generate chunks of true paths, random walks or scripted paths.
+    """Generate chunks of the true paths: random walks or scripted paths.
 
     `start` (n, 2) are the first positions of the walks; None: random.
     """
@@ -341,14 +344,14 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Ti
 def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | TimeGrid]:
-    """Generate the chunks of the truth, and write each with the sensors' simulated measurements to the recording.
+    """Generate the chunks of the truth; each is written before, with the simulated measurements, to the recording.
 
     Args:
-        writer: of the recording.
+        writer: writer of the recording.
         setup: scene and settings.
-        seed: of the random numbers.
+        seed: seed of the random numbers.
         start: (n, 2) first positions of random walks; None: random.
-        counts: of the summary: numbers of rows are added.
+        counts: numbers of rows for the summary, updated in place.
     """
     truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
@@ -387,9 +390,9 @@ def _contacts(chunk: TimeGrid, people: MovingObstacleTracks, world: WorldConfig)
     """Count the time steps, summed over walkers, at which a person is closer to a walker than one diameter.
 
     Args:
-        chunk: positions of walkers at some time steps.
-        people: whom the walkers avoid.
-        world: diameter and time steps.
+        chunk: positions of the walkers at some time steps.
+        people: recorded people whom the walkers avoid.
+        world: diameter, and start and duration of the time steps.
     """
     numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
     gaps = [

@@ -40,7 +40,7 @@ STARTS = 200
 
 
 def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
-    """Convert speed, noise and destination changes from per second to per step."""
+    """Convert speed, process noise and probability of a new destination from per second to per step."""
     redirect, step_s = config.redirect_probability, config.step_s
     return WaypointMotion(
         step=config.speed * step_s,
@@ -51,7 +51,7 @@ def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
 
 
 def ground(scene: Scene, clearance: float) -> Ground:
-    """Return the free ground (walkable area) of a scene, shrunk by `clearance`."""
+    """Free ground (walkable area) of a scene, at least `clearance` from walls and static occluders."""
     walls = [o.polygon for o in scene.occluders] + pockets(scene.surroundings)
     return Ground(np.ascontiguousarray(scene.surroundings, dtype=np.float64), *pack_polygons(walls), clearance)
 
@@ -65,21 +65,21 @@ def simulate_truth(
     field: FieldConfig | None = None,
     people: MovingObstacleTracks | None = None,
 ) -> Iterator[Truth]:
-    """True positions of all objects, chunk after chunk: targets are numbered 0, 1, ..., occluders after them.
+    """Generate the true positions of all objects, chunk by chunk: targets are numbered 0, 1, ..., occluders after them.
 
     An object's noise depends on seed and number only, not on how many others there are
-    or how many steps are asked for.
+    or how many steps are requested.
 
     Args:
         scene: its room (or a box around its sensors) bounds the world.
         config: numbers, speeds, times.
-        seed: of all random numbers.
+        seed: seed of all random numbers.
         start: (n, 2) positions of all objects at the first step; None: random ones.
-        field: how objects avoid each other where motion is `field`; None: the defaults of the scene's unit.
-        people: recorded walkers, avoided where motion is `field`; None: none.
+        field: avoidance of obstacles, for motion `field`; None: the defaults of the scene's unit.
+        people: recorded walkers, avoided with motion `field`; None: none.
 
     Returns:
-        Tables of up to CHUNK_STEPS steps; time k is `start_ns + round(k step_s)`.
+        Generator of tables of up to CHUNK_STEPS steps; time k is `start_ns + round(k step_s)`.
         InputError if there are no objects, or if they do not fit into the room.
     """
     floor, n = ground(scene, config.wall_clearance), config.targets + config.occluders
@@ -103,10 +103,10 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
     """Settings of the potential field by which objects avoid obstacles.
 
     Args:
-        scene: has the static occluders.
-        config: of the world: speed, diameter and time step.
-        field: of the potential field.
-        people: people whom the objects avoid, too; None: no people.
+        scene: scene with the static occluders.
+        config: speed, diameter and time step.
+        field: settings of the potential field.
+        people: recorded people, whom the objects avoid, too; None: none.
     """
     return Avoidance(
         field=field_of(field),
@@ -118,7 +118,7 @@ def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Mo
 
 
 def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: MovingObstacleTracks | None) -> WaypointState:
-    """Draw the random start state of n objects: their positions and destinations.
+    """Draw the random start state of n objects: positions and destinations.
 
     They are at least a diameter from each other and from the people of the first step. InputError if n is 0, or if they
     do not fit.
@@ -142,7 +142,10 @@ def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving
 
 
 def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
-    """Draw the random numbers of one chunk, each object's from its own generator."""
+    """Draw the random numbers of `CHUNK_STEPS` steps, those of each object from its own generators.
+
+    `generators` has for each object those of noise, of changes of destination, and of destinations.
+    """
     c, n = CHUNK_STEPS, len(generators)
     draws = WaypointNoise(np.empty((c, n, 2)), np.empty((c, n)), np.empty((c, n, CANDIDATES, 2)))
     for i, (noise, chance, position_noise) in enumerate(generators):
@@ -153,7 +156,7 @@ def _draw(generators: list[list[np.random.Generator]]) -> WaypointNoise:
 
 
 def _truth(positions: Floats, first: int, config: WorldConfig) -> Truth:
-    """Return the truth table of (C, n, 2) positions, with first step number `first`."""
+    """Truth table of positions (C, n, 2) of n objects in C steps, the first of which has the number `first`."""
     c, n = positions.shape[:2]
     ids = np.arange(n)
     steps = np.rint(np.arange(first, first + c) * (config.step_s * 1e9)).astype(np.int64)

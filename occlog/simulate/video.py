@@ -35,22 +35,22 @@ from .config import (
 
 @dataclass(frozen=True)
 class Setup:
-    """All settings that determine the recording, except the seed.
+    """All settings that determine a simulated recording, except the seed.
 
     Attributes:
         scene: room, occluders and sensors.
-        world: how many objects move, and how.
-        observe: how cameras measure; None: no simulated bearings.
+        world: numbers, motion and times of objects.
+        observe: measurements of cameras; None: no simulated bearings.
         render: appearance of the video; None: no video.
-        store: how the video is kept.
-        sound: what sources do and arrays hear.
-        script: paths of targets; None: random walkers.
+        store: format of the video.
+        sound: sound of sources, and false directions of arrays.
+        script: scripted paths of targets; None: random walkers.
         separate: no occlusion between people in the first frame.
-        field: obstacle avoidance of walkers, where motion is `field`.
+        field: obstacle avoidance of walkers, for motion `field`; None: another motion.
         people: recorded walkers, which are avoided; None: none.
-        reads: what readers of tags read.
-        measure: what cameras and arrays measure of distances.
-        losses: the losses when the tracks of people to avoid were made.
+        reads: measurements of tag readers.
+        measure: ranges, differences and strengths measured by cameras and arrays.
+        losses: losses recorded in the file of the people to avoid.
     """
 
     scene: Scene
@@ -69,7 +69,10 @@ class Setup:
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
-    """Video file of each camera with a pose, next to the recording; empty if images go into it or are not rendered."""
+    """Video file of each camera with a pose by name, next to the recording `output`.
+
+    Empty without video, or if images are stored in the recording.
+    """
     if setup.render is None or setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras if c.placed}
@@ -88,18 +91,18 @@ def film(
 ) -> None:
     """Render the images of all cameras along the true paths, and write them and the true boxes.
 
-    Images go into the recording, or into a video file per camera next to it. Nothing is done without settings of the
-    renderer.
+    Images go into the recording, or into a video file per camera next to it. Without settings of the renderer
+    nothing is done, and the chunks are not consumed.
 
     Args:
-        writer: of the recording.
+        writer: writer of the recording.
         setup: scene and settings.
         output: file of the recording.
         chunks: true paths.
-        seed: of the random numbers.
-        counts: of the summary: frames, boxes and bytes are added.
+        seed: seed of the random numbers.
+        counts: numbers of frames, boxes and bytes for the summary, updated in place.
         overwrite: replace existing video files.
-        quiet: no progress is shown.
+        quiet: show no progress.
     """
     if setup.render is None:
         return
@@ -135,11 +138,11 @@ def _film_files(
     """Write the frames to one video file per camera, and their true boxes to the recording.
 
     Args:
-        writer: of the recording.
+        writer: writer of the recording.
         setup: scene and settings.
-        paths: file of each camera.
-        frames: rendered, by time.
-        counts: of the summary: frames and boxes are added.
+        paths: file of each camera by name.
+        frames: rendered frames, by time.
+        counts: numbers of frames and boxes for the summary, updated in place.
         overwrite: replace existing files.
 
     Returns:
@@ -169,7 +172,7 @@ def _frames_in_all(setup: Setup) -> int:
 
 
 def _compressed(frames: Iterable[Rendered], workers: int) -> Iterator[tuple[Rendered, bytes]]:
-    """Generate frames with their PNG bytes in order, compressing in a number of background threads (`workers`)."""
+    """Generate frames with their PNG bytes in order; `workers` threads compress them in the background."""
     waiting: deque[tuple[Rendered, Future[bytes]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for frame in frames:

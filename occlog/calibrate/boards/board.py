@@ -35,12 +35,12 @@ K3_GAIN = 0.97
 
 
 class Board(NamedTuple):
-    """Calibration board: type and size.
+    """Calibration board: chessboard or ChArUco board.
 
     Attributes:
-        columns: inner corners of a chessboard, squares of a ChArUco board.
-        rows: likewise.
-        dictionary: of the markers of a ChArUco board, a name of OpenCV without `DICT_`; empty: a chessboard.
+        columns: inner corners across a chessboard, squares across a ChArUco board.
+        rows: inner corners or squares down.
+        dictionary: markers of a ChArUco board, OpenCV's name without `DICT_`; empty: a chessboard.
         marker: side of a marker, as a share of that of a square.
     """
 
@@ -51,7 +51,7 @@ class Board(NamedTuple):
 
 
 class BoardView(NamedTuple):
-    """The board detected in one image: indices of corners (n,), and their pixels (n, 2)."""
+    """The board detected in one image: indices of corners (n,) in `corners_of`, and their pixels (n, 2)."""
 
     corner: Ints
     pixels: Floats
@@ -61,13 +61,13 @@ class BoardLens(NamedTuple):
     """Intrinsics estimated from views of a board, with residuals.
 
     Attributes:
-        camera: without a pose.
-        sigma_focal: (2,) standard deviations [px].
-        sigma_principal: (2,) [px].
+        camera: camera without a pose.
+        sigma_focal: (2,) standard deviations of the focal lengths [px].
+        sigma_principal: (2,) standard deviations of the principal point [px].
         reprojection_px: root mean square distance of corners from their predictions [px].
         views: number of views used.
-        rejected: number of views that were left out.
-        coverage: share of the `CELLS` of the image with a corner.
+        rejected: number of views rejected for large residuals.
+        coverage: share of the `CELLS` of the image that contain a corner, 0 to 1.
     """
 
     camera: Camera
@@ -80,11 +80,11 @@ class BoardLens(NamedTuple):
 
 
 def board_of(size: str, dictionary: str, marker: float) -> Board:
-    """Parse `size`, COLUMNSxROWS of a chessboard or ChArUco board; UsageError if it or the dictionary is not valid.
+    """Parse `size`, COLUMNSxROWS of a board; UsageError if it or the dictionary is not valid.
 
     Args:
-        size: inner corners of a chessboard, or squares with a dictionary.
-        dictionary: of ChArUco markers, by OpenCV's name without `DICT_`; empty: a plain chessboard.
+        size: inner corners of a chessboard, or squares of a ChArUco board.
+        dictionary: ChArUco markers, by OpenCV's name without `DICT_`; empty: a chessboard.
         marker: side of a marker over that of a square.
     """
     cells = size.lower().split("x")
@@ -99,14 +99,14 @@ def board_of(size: str, dictionary: str, marker: float) -> Board:
 
 
 def corners_of(board: Board) -> Floats:
-    """(N, 3) positions of the corners on the board, in units of a square's side."""
+    """(N, 3) positions of the corners on the board, row by row, z = 0, in units of a square's side."""
     columns, rows = (board.columns - 1, board.rows - 1) if board.dictionary else (board.columns, board.rows)
     x, y = np.meshgrid(np.arange(1.0, columns + 1), np.arange(1.0, rows + 1))
     return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
 
 
 class BoardDetector:
-    """Detects a board in images with subpixel accuracy."""
+    """Detects a calibration board in images with subpixel accuracy."""
 
     def __init__(self, board: Board) -> None:
         """Prepare OpenCV's detector of a board's corners."""
@@ -117,7 +117,7 @@ class BoardDetector:
             self._charuco = cv2.aruco.CharucoDetector(drawn)
 
     def find(self, image: Image) -> BoardView | None:
-        """Detect the board in an image; None if it is not found."""
+        """Detect the board in a grey or BGR image; None if it is not found, or too few corners of a ChArUco board."""
         grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         if self.board.dictionary:
             pixels, numbers, _, _ = self._charuco.detectBoard(grey)
@@ -133,7 +133,10 @@ class BoardDetector:
 
 
 def views_of(images: Iterable[Image], board: Board) -> tuple[list[BoardView], tuple[int, int], int]:
-    """Distinct views of a board, the size of the images, and the number of images read."""
+    """Distinct views of a board, width and height of the images [px], and the number of images read.
+
+    A view differs from the one before; at most `MAX_VIEWS` are kept. InputError if the images differ in size.
+    """
     detector = BoardDetector(board)
     views: list[BoardView] = []
     size, count = (0, 0), 0
@@ -177,13 +180,13 @@ def _spread(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView
 
 
 def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], board: Board, images: int) -> BoardLens:
-    """Estimate the intrinsics of a camera from views of a board.
+    """Estimate the intrinsics of a camera from views of a board; views with large residuals are rejected.
 
     Args:
-        name: of the camera.
-        views: of the board.
+        name: name of the camera.
+        views: views of the board.
         size: width and height of the images [px].
-        board: with its size.
+        board: type and size of the board.
         images: number of images that were examined, for messages.
 
     Raises:
@@ -230,7 +233,16 @@ def lens_of_views(name: str, views: Sequence[BoardView], size: tuple[int, int], 
 
 
 class _Fit(NamedTuple):
-    """Result of a fit: camera matrix, distortion, standard deviations, residuals [px], largest tilt of a board."""
+    """Result of a fit of a camera's intrinsics to V views of a board.
+
+    Attributes:
+        matrix: (3, 3) camera matrix.
+        distortion: (5,) distortion coefficients of OpenCV.
+        sigma: standard deviations of the intrinsics: fx, fy, cx, cy [px], then distortion coefficients.
+        rms: root mean square residual of all views [px].
+        per_view: (V,) root mean square residual of each view [px].
+        tilt_deg: largest angle of a board to their mean [deg].
+    """
 
     matrix: Floats
     distortion: Floats

@@ -41,6 +41,7 @@ def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutp
 
     Raises:
         UsageError: an option applies to calibration by people only.
+        InputError: images are missing, or the views do not determine a lens.
     """
     given: dict[str, object] = {"scene": request.scene, "ignore_poses": request.ignore_poses, "focal": request.focal}
     given |= {
@@ -78,7 +79,10 @@ def calibration_of_board(request: CalibrateRequest, job: Job) -> CalibrationOutp
 
 
 def _cameras(request: CalibrateRequest) -> list[str]:
-    """Names of the cameras: those of a recording, or the name of a video or folder."""
+    """Names of the cameras to calibrate: those of a recording that are selected, or the name of a video or folder.
+
+    UsageError for a name that the recording does not have, InputError if none is left.
+    """
     path = request.recording
     if path.is_dir() or content_of(path, "a video or a recording") is not Content.RECORDING:
         return [safe_name(path.stem)]

@@ -38,14 +38,14 @@ def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened |
 def place_arrays(
     opened: Opened, scene: Scene, paths: Sequence[Path], config: CalibrateConfig, metre: float
 ) -> list[ArrayResult]:
-    """Estimate the poses of the microphone arrays of a scene that have directions of arrival, by people who speak.
+    """Estimate the poses of those microphone arrays of a scene that have directions of arrival, by people who speak.
 
     Args:
-        opened: input with directions.
-        scene: has the arrays.
-        paths: of people.
+        opened: input with directions of arrival.
+        scene: scene with the arrays as stated.
+        paths: paths of the people.
         config: heights of mouths, and limit of clock offsets.
-        metre: a metre in scene units.
+        metre: length of a metre in scene units.
     """
     heard = Doa.concat([Doa.empty(), *opened.rows(Doa)])
     recorded = {a.name: float(a.yaw) for a in (() if opened.scene is None else opened.scene.arrays)}
@@ -68,12 +68,12 @@ def place_arrays(
 
 
 def with_arrays(scene: Scene, stated: Scene, arrays: Sequence[ArrayResult]) -> Scene:
-    """The scene with the microphone arrays at their estimated positions, and with clocks of those that are late.
+    """Return the scene with the microphone arrays at their estimated poses, and with clocks of those that are late.
 
     Args:
-        scene: with calibrated cameras; its arrays have known positions.
-        stated: as read, with all arrays; those that could neither be estimated nor are in `scene` are omitted.
-        arrays: results.
+        scene: scene with calibrated cameras, and with the arrays that keep their stated poses.
+        stated: scene as read, with all arrays; those that were neither estimated nor are in `scene` are omitted.
+        arrays: results of the estimation.
     """
     clocks = {clock.name: clock for clock in scene.clocks}
     found = {}
@@ -109,7 +109,10 @@ def array_figures(each: ArrayResult) -> dict[str, object]:
 
 
 def array_checks(arrays: Sequence[ArrayResult], scene: Scene, *, placed: bool) -> tuple[Check, ...]:
-    """Checks of microphone arrays; `placed`: their stated poses are in the frame of the result."""
+    """Checks of the microphone arrays; `placed`: their stated poses are in the world frame of the result.
+
+    `scene` has the arrays as stated.
+    """
     stated = {a.name: a for a in scene.arrays}
     out = []
     for each in arrays:

@@ -75,21 +75,21 @@ MAX_SIGMA, MAX_SIGMA_YAW = 0.5, np.radians(5.0)
 
 
 class Path(NamedTuple):
-    """Path of a person: times (n,) [s], and positions (n,) x + i y."""
+    """Path of a person on the ground: times (n,) [s] by the common clock, and positions (n,) as x + i y."""
 
     t_s: Floats
     xy: Complexes
 
 
 class Directions(NamedTuple):
-    """Directions of arrival of one array.
+    """K directions of arrival of one array.
 
     Attributes:
         t_s: (K,) stamped times [s].
-        azimuth: (K,) in the world, by the yaw with which they were recorded [rad].
-        elevation: (K,) [rad]; NaN: not measured.
-        sigma: (K,) standard deviation of azimuths [rad].
-        sigma_elevation: (K,) of elevations [rad].
+        azimuth: (K,) azimuths in the world, by the yaw with which they were recorded [rad].
+        elevation: (K,) elevations [rad]; NaN: not measured.
+        sigma: (K,) standard deviations of the azimuths [rad].
+        sigma_elevation: (K,) standard deviations of the elevations [rad].
     """
 
     t_s: Floats
@@ -104,14 +104,14 @@ class Directions(NamedTuple):
 
 
 class ArrayPrior(NamedTuple):
-    """What is known of an array and of people before; lengths in the unit of the scene.
+    """Prior knowledge of an array and of people; lengths in the unit of the scene.
 
     Attributes:
         recorded_yaw: yaw with which directions were recorded [rad].
         max_late_s: largest offset of the clock [s]; 0: the clock is right.
-        mouth: height of mouths.
-        sigma_mouth: its standard deviation.
-        metre: units in a metre.
+        mouth: mean height of mouths.
+        sigma_mouth: standard deviation of that mean.
+        metre: length of a metre in scene units.
     """
 
     recorded_yaw: float
@@ -122,16 +122,16 @@ class ArrayPrior(NamedTuple):
 
 
 class ArrayResult(NamedTuple):
-    """What was found of one array.
+    """Result of the estimation of one array.
 
     Attributes:
-        array: with its pose.
+        array: array with its estimated pose.
         reason: why it is left as it was stated; empty: it was estimated.
         sigma: (5,) standard deviations of x, y, z, yaw [rad] and clock [s]; NaN: not estimated.
-        late_s: by how much its clock is late [s].
+        late_s: delay of its clock [s].
         directions: number of directions.
-        share: of them that are of people.
-        scale: factor of the stated standard deviations of directions.
+        share: share of them that are of people, 0 to 1.
+        scale: estimated factor of the stated standard deviations of directions.
     """
 
     array: MicrophoneArray
@@ -144,18 +144,21 @@ class ArrayResult(NamedTuple):
 
     @property
     def is_late(self) -> bool:
-        """Whether the offset of the clock is significant, and matters."""
+        """Whether the offset of the clock is significant (3 sigma) and at least `MIN_LATE_S`."""
         return not self.reason and abs(self.late_s) > max(3.0 * float(self.sigma[LATE_SIGMA]), MIN_LATE_S)
 
 
 def place_array(array: MicrophoneArray, heard: Directions, paths: Sequence[Path], prior: ArrayPrior) -> ArrayResult:
-    """Estimate the pose and the clock of an array.
+    """Estimate the pose and the clock offset of a microphone array by the people whom it hears.
 
     Args:
-        array: as it is stated.
-        heard: its directions.
-        paths: of people, in the frame of the result, by the common clock.
-        prior: what is known of it.
+        array: array as stated.
+        heard: its directions of arrival.
+        paths: paths of people, in the frame of the result, by the common clock.
+        prior: prior knowledge of the array.
+
+    Returns:
+        Estimated array; with a `reason`, the array as it was stated.
     """
     none = ArrayResult(array, FEW, np.full(5, np.nan), 0.0, len(heard.t_s), 0.0, 1.0)
     if not paths:
@@ -177,14 +180,15 @@ def place_array(array: MicrophoneArray, heard: Directions, paths: Sequence[Path]
 
 
 def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, problem: _Problem) -> ArrayResult:
-    """Return the result with pose, standard deviations, and the offset of the clock.
+    """Return the result with the pose, standard deviations and clock offset of a fit.
 
     Args:
         out: result without them.
         best: fit.
-        sigma: (5,) standard deviations of the parameters x, y, turn, offset, drop.
-        prior: of the array.
-        problem: that was fitted.
+        sigma: (5,) standard deviations of its parameters: x, y, correction of the yaw, clock offset, height above
+            mouths.
+        prior: prior knowledge of the array.
+        problem: problem that was fitted.
     """
     x, y, turned, late, drop = best.values.tolist()
     z, sigma_z = float(out.array.position[2]), float("nan")
@@ -199,7 +203,13 @@ def _placed(out: ArrayResult, best: _Fit, sigma: Floats, prior: ArrayPrior, prob
 
 
 class _Fit(NamedTuple):
-    """A maximum of the likelihood of a microphone array's pose."""
+    """A local maximum of the likelihood of a microphone array's pose.
+
+    `values` (5,): x, y, correction of the yaw [rad], delay of the clock [s], height above mouths; `gain`:
+    log-likelihood ratio to all directions being of other sources; `of_people`: expected number of directions of
+    people, and `share` of all; `scale`: factor of the stated standard deviations; `covariance` (5, 5) of the
+    values, empty if not computed.
+    """
 
     values: Floats
     gain: float  # logarithm of the likelihood over that of directions of no person
@@ -211,14 +221,14 @@ class _Fit(NamedTuple):
 
 @dataclass
 class _Problem:
-    """Directions and paths, and what is free.
+    """Estimation problem of one array: directions, and paths of people on a grid of times.
 
     Attributes:
         heard: K directions.
         start_s: first time of the grid [s].
-        xy: (P, T) positions of people on the grid; NaN: not there.
-        metre: units in a metre.
-        max_late_s: largest offset of the clock.
+        xy: (P, T) complex positions of P people at T times `STEP_S` apart; NaN: absent.
+        metre: length of a metre in scene units.
+        max_late_s: largest offset of the clock [s]; 0: fixed.
     """
 
     heard: Directions
@@ -233,8 +243,8 @@ class _Problem:
 
         Args:
             heard: directions of the array; at most `MAX_DIRECTIONS` of them near the times of the paths are kept.
-            paths: of people; they are interpolated to a grid of times `STEP_S` apart.
-            prior: of the array: units in a metre and the largest offset of its clock.
+            paths: paths of people, which are interpolated to a grid of times.
+            prior: gives the length of a metre and the largest offset of the array's clock.
         """
         start = min(float(p.t_s[0]) for p in paths)
         stop = max(float(p.t_s[-1]) for p in paths)
@@ -249,18 +259,18 @@ class _Problem:
         return bool(np.count_nonzero(np.isfinite(self.heard.elevation)) >= MIN_DIRECTIONS)
 
     def part(self) -> _Problem:
-        """The directions with which the search starts."""
+        """Return the problem with at most `SEARCHED` directions, at times with a person, to start the search with."""
         near = np.flatnonzero(self.near())
         return replace(self, heard=self.heard.take(_spread(near, SEARCHED)))
 
     def near(self) -> Bools:
-        """(K,) directions at times with a person."""
+        """(K,) mask of directions at times with a person, if the clock is right."""
         return np.asarray(np.isfinite(self.positions(0.0)[0]).any(axis=0))
 
     def positions(self, late_s: float) -> tuple[Complexes, Complexes]:
-        """(P, K) complex positions and velocities of P people at the times of K directions; NaN: not there.
+        """(P, K) complex positions and velocities [1/s] of P people at the times of K directions; NaN: absent.
 
-        `late_s` is by how much the clock of the array is late [s].
+        `late_s` is the assumed delay of the array's clock [s].
         """
         at = (self.heard.t_s - late_s - self.start_s) / STEP_S
         k = np.clip(np.floor(at).astype(np.int64), 0, self.xy.shape[1] - 2)
@@ -271,7 +281,10 @@ class _Problem:
 
 
 def _on_grid(path: Path, times: Floats) -> Complexes:
-    """(T,) positions at the times of a grid; NaN outside and in gaps."""
+    """(T,) complex positions of a path at the times of a grid (T,) [s]; NaN outside and in long gaps.
+
+    A gap is long above `MAX_GAP_S`.
+    """
     out = np.interp(times, path.t_s, path.xy.real) + 1j * np.interp(times, path.t_s, path.xy.imag)
     k = np.clip(np.searchsorted(path.t_s, times), 1, len(path.t_s) - 1)
     gap = path.t_s[k] - path.t_s[k - 1] > MAX_GAP_S
@@ -280,7 +293,7 @@ def _on_grid(path: Path, times: Floats) -> Complexes:
 
 
 def _spread(rows: Ints, most: int) -> Ints:
-    """At most `most` of the rows, evenly spread."""
+    """Select at most `most` of the rows, evenly spread."""
     if len(rows) <= most:
         return rows
     return np.asarray(rows[np.linspace(0, len(rows) - 1, most).round().astype(np.int64)])
@@ -304,7 +317,7 @@ def _searched(problem: _Problem, prior: ArrayPrior) -> list[_Fit]:
 
 
 def _distinct(fits: Sequence[_Fit], metre: float) -> list[_Fit]:
-    """Fits, best first, without those near to a better one; `metre` is a metre in scene units."""
+    """Remove from fits, best first, those near to a better one; `metre` is the length of a metre in scene units."""
     out: list[_Fit] = []
     for each in fits:
         if not any(_near(each.values, other.values, metre) for other in out):
@@ -313,15 +326,23 @@ def _distinct(fits: Sequence[_Fit], metre: float) -> list[_Fit]:
 
 
 def _near(a: Floats, b: Floats, metre: float) -> bool:
-    """Whether two poses (parameters (5,)) are within a metre and 0.35 rad; `metre` is a metre in scene units."""
+    """Whether two poses (parameters (5,): x, y, yaw, ...) are within a metre and 0.35 rad.
+
+    `metre` is the length of a metre in scene units.
+    """
     turned = abs(float(wrap_angle(np.array(a[YAW] - b[YAW]))))
     return bool(np.hypot(a[X] - b[X], a[Y] - b[Y]) < metre and turned < 0.35)
 
 
 def _starts(part: _Problem, prior: ArrayPrior) -> list[Floats]:
-    """Parameters (5,) of poses at which most directions agree with people, to start the search from.
+    """Initial parameters for the search, at most `STARTS`: poses at which most directions agree with people.
 
-    `part` is the problem with fewer directions.
+    Votes over a grid of positions, yaws and clock offsets propose them; the likelihood selects. Each is (5,): x, y, yaw
+    [rad], delay of the clock [s], and 0 for the height above mouths.
+
+    Args:
+        part: problem with few directions.
+        prior: length of a metre in scene units.
     """
     step, around = GRID * prior.metre, AROUND * prior.metre
     there = part.xy[np.isfinite(part.xy)]
@@ -356,14 +377,14 @@ def _starts(part: _Problem, prior: ArrayPrior) -> list[Floats]:
 
 
 def _votes(at: Complexes, places: Complexes, azimuth: Floats) -> Floats:
-    """(G, BINS) directions that agree with a person, by the yaw, at each of G positions, less those by chance.
+    """(G, BINS) numbers of directions that agree with a person, by yaw bin, at each of G positions, less their mean.
 
-    A direction has one vote for a bin, however many people are there.
+    A direction has one vote for a bin, however many people are present.
 
     Args:
         at: (P, K) complex positions of P people at the times of K directions; NaN: absent.
         places: (G,) complex positions of the array.
-        azimuth: (K,) directions in the array's frame [rad].
+        azimuth: (K,) azimuths as recorded [rad].
     """
     out = np.zeros((len(places), BINS))
     turn, K = np.exp(-1j * azimuth), len(azimuth)
@@ -381,18 +402,31 @@ def _votes(at: Complexes, places: Complexes, azimuth: Floats) -> Floats:
 
 
 class _Terms(NamedTuple):
-    """Residuals of P people and K directions, and derivatives by the parameters."""
+    """Residuals of K directions to P people, and their derivatives by five parameters.
 
-    azimuth: Floats  # (P, K) [rad]
-    elevation: Floats  # (P, K) [rad]; NaN: not measured
-    slope: Floats  # (P, K, 5) of azimuths
-    slope_up: Floats  # (P, K, 5) of elevations
-    spread: Floats  # (P, K) standard deviation that the mouth adds [rad]
-    there: Bools  # (P, K)
+    The parameters are x, y, correction of the yaw, delay of the clock, height above mouths.
+
+    Attributes:
+        azimuth: (P, K) residuals of azimuths [rad].
+        elevation: (P, K) residuals of elevations [rad]; NaN: not measured.
+        slope, slope_up: (P, K, 5) derivatives of azimuths and of elevations.
+        spread: (P, K) standard deviation that the position of the mouth adds [rad].
+        there: (P, K) mask of people who are present at the time of the direction.
+    """
+
+    azimuth: Floats
+    elevation: Floats
+    slope: Floats
+    slope_up: Floats
+    spread: Floats
+    there: Bools
 
 
 def _terms(problem: _Problem, values: Floats) -> _Terms:
-    """Residuals and derivatives at some values."""
+    """Residuals of the K directions to each of P people, and their derivatives by the parameters.
+
+    `values` (5,): x, y, correction of the yaw [rad], delay of the clock [s], height above mouths.
+    """
     heard = problem.heard
     at, speed = problem.positions(float(values[LATE]))
     there = np.isfinite(at)
@@ -416,7 +450,11 @@ def _terms(problem: _Problem, values: Floats) -> _Terms:
 
 
 class _Normal(NamedTuple):
-    """Matrix (5, 5) and right side (5,) of the normal equations, scores (K, 5), and missing information (5, 5)."""
+    """Normal equations of a Gauss-Newton step.
+
+    Matrix (5, 5) and right side (5,); scores of the K directions (K, 5); information (5, 5) that is missing because the
+    associations are unknown.
+    """
 
     matrix: Floats
     right: Floats
@@ -425,13 +463,20 @@ class _Normal(NamedTuple):
 
 
 class _Weighed(NamedTuple):
-    """Probabilities that directions are of people, and what follows from them."""
+    """Association of K directions with P people, at given parameters.
 
-    of_person: Floats  # (P, K)
-    variance: Floats  # (P, K) of azimuths
-    variance_up: Floats  # (P, K) of elevations
+    Attributes:
+        of_person: (P, K) probability that a direction is of a person.
+        variance, variance_up: (P, K) variances of azimuths and of elevations [rad^2].
+        gain: log-likelihood ratio to all directions being of other sources.
+        chance: share of directions of no person.
+    """
+
+    of_person: Floats
+    variance: Floats
+    variance_up: Floats
     gain: float
-    chance: float  # share of directions of no person
+    chance: float
 
 
 def _weighed(problem: _Problem, terms: _Terms, scale: float, chance: float) -> _Weighed:
@@ -466,13 +511,13 @@ def _weighed(problem: _Problem, terms: _Terms, scale: float, chance: float) -> _
 
 
 def _normal(terms: _Terms, w: _Weighed, late_precision: float, values: Floats) -> _Normal:
-    """Normal equations of a Gauss-Newton step, scores, and the information that unknown associations take.
+    """Normal equations of a Gauss-Newton step, scores, and the information lost to unknown associations.
 
     Args:
-        terms: residuals and slopes.
-        w: responsibilities.
-        late_precision: of the prior of the clock offset, around 0 [1/s^2].
-        values: (5,) parameters.
+        terms: residuals and derivatives.
+        w: association probabilities.
+        late_precision: inverse variance of the prior of the clock offset, around 0 [1/s^2].
+        values: (5,) parameters: x, y, correction of the yaw [rad], delay of the clock [s], height above mouths.
     """
     pull = w.of_person / w.variance
     up = np.isfinite(terms.elevation)
@@ -490,17 +535,20 @@ def _normal(terms: _Terms, w: _Weighed, late_precision: float, values: Floats) -
 
 
 def _late_precision(problem: _Problem) -> float:
-    """Precision of the prior of the clock."""
+    """Inverse variance of the prior of the clock offset [1/s^2]: the largest offset is two standard deviations.
+
+    1 if no offset is allowed.
+    """
     return 4.0 / problem.max_late_s**2 if problem.max_late_s else 1.0
 
 
 def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[float]) -> _Fit:
-    """Maximum of the likelihood near the parameters `start` (5,), without a covariance.
+    """Local maximum of the likelihood from the parameters `start` (5,), by EM with Gauss-Newton steps; no covariance.
 
     Args:
-        problem: to solve.
-        start: unchanged.
-        limit: number of steps.
+        problem: directions and paths.
+        start: initial parameters, not changed.
+        limit: maximum number of steps.
         annealing: factors of the standard deviations in the first steps.
     """
     values, scale, chance = start.copy(), 1.0, 0.3
@@ -528,7 +576,7 @@ def _climbed(problem: _Problem, start: Floats, limit: int, annealing: Sequence[f
 
 
 def _covariance(problem: _Problem, fit: _Fit) -> Floats:
-    """(5, 5) covariance of the parameters of a fit, widened where errors are correlated in time."""
+    """(5, 5) covariance of a fit's parameters, by curvature, widened for errors correlated in time (Huber 1967)."""
     terms = _terms(problem, fit.values)
     w = _weighed(problem, terms, fit.scale, float(np.clip(1.0 - fit.share, 0.01, 0.98)))
     matrix, _, scores, missing = _normal(terms, w, _late_precision(problem), fit.values)
@@ -545,14 +593,15 @@ def _covariance(problem: _Problem, fit: _Fit) -> Floats:
 
 
 def _inverse(matrix: Floats, missing: Floats, unit: Floats) -> Floats:
-    """(5, 5) inverse of the observed information (Louis 1982), which unknown associations leave a tenth of at least.
+    """(5, 5) inverse of the observed information (Louis 1982): complete information less what is missing.
 
-    What nothing determines has a standard deviation of a kilometre or a thousand radians.
+    At least a tenth of the complete information is kept. An undetermined parameter has a standard deviation of a
+    thousand of its units.
 
     Args:
         matrix: (5, 5) information if all associations were known.
-        missing: (5, 5) what unknown associations take of it.
-        unit: (5,) a metre (in scene units), 1 rad or 1 s, by which parameters are scaled.
+        missing: (5, 5) information lost because they are not.
+        unit: (5,) units of the parameters: a metre in scene units, 1 rad or 1 s.
     """
     scaled = (matrix + np.diag(1e-6 / unit**2)) * np.outer(unit, unit)
     root = np.linalg.cholesky(scaled)

@@ -20,16 +20,16 @@ CLOCK = "{}-clock"
 
 
 class CalibrationOutput(NamedTuple):
-    """What a calibration gives, by people or by a board.
+    """Result of a calibration by people or by a board.
 
     Attributes:
-        scene: with the calibrated sensors.
-        comment: of the scene file.
-        parameters: for the provenance.
-        checks: with their findings.
-        summary: figures by name.
-        losses: of the inputs.
-        picture: PNG; None: not asked for.
+        scene: scene with the calibrated sensors.
+        comment: comment lines for the scene file.
+        parameters: parameters for the provenance.
+        checks: checks with their findings.
+        summary: figures of the summary by name.
+        losses: losses of the inputs.
+        picture: PNG; None: not requested.
     """
 
     scene: Scene
@@ -42,9 +42,9 @@ class CalibrationOutput(NamedTuple):
 
 
 def write_scene(path: Path, scene: Scene, comment: str, job: Job) -> None:
-    """Write a scene with a comment, or its cameras in the format that the name of `path` ends in.
+    """Write a scene with a comment to a YAML file, or its cameras in the format that the suffix of `path` selects.
 
-    A note lists what that format cannot hold.
+    A note lists what that format cannot store.
     """
     form = format_of(path)
     if form is None:

@@ -33,12 +33,14 @@ GRID, FEET, DOWN, ACROSS = "#ffb000", "#0070c0", "#0070c0", "#d04000"
 
 
 def picture(found: Calibrated, images: Mapping[str, Image], metre: float) -> bytes:
-    """Draw the picture as PNG, with a row for each calibrated camera.
+    """Draw the picture of a calibration as PNG, with a row for each calibrated camera.
+
+    Left: floor grid and feet on the image; right: residuals over time.
 
     Args:
-        found: the calibration.
-        images: an image of each camera that has one.
-        metre: of which the scene's unit has this many; lines of the grid are one metre apart, or a whole number.
+        found: calibration.
+        images: an image of each camera that has one, by name.
+        metre: length of a metre in scene units; lines of the grid are a whole number of metres apart.
     """
     rows = [(c, each.camera) for c, each in enumerate(found.cameras) if each.estimated]
     lines, step = _grid(_feet(found), metre)
@@ -67,7 +69,7 @@ def _residuals(found: Calibrated, rows: Ints) -> tuple[Floats, Floats]:
 
 
 def _feet(found: Calibrated) -> Floats:
-    """(n, 2) ground positions of the feet of all boxes with a lower edge that was used."""
+    """(n, 2) ground positions of the feet of all boxes with a used lower edge, of calibrated cameras."""
     out = [np.zeros((0, 2))]
     for c, each in enumerate(found.cameras):
         if each.estimated:
@@ -81,9 +83,9 @@ def _feet(found: Calibrated) -> Floats:
 
 
 def _grid(feet: Floats, metre: float) -> tuple[list[Floats], int]:
-    """Lines (k, 3) of a floor grid where people are, and the grid spacing in metres.
+    """Lines (`STEPS`, 3) of a floor grid where people are, in scene units, and the grid spacing in metres.
 
-    `feet` (n, 2) are their positions, `metre` is a metre in scene units.
+    `feet` (n, 2) are their positions, `metre` is the length of a metre in scene units.
     """
     low, high = np.percentile(feet, [2.0, 98.0], axis=0) / metre
     low, high = np.floor(low - 0.5), np.ceil(high + 0.5)
@@ -100,9 +102,9 @@ def _grid(feet: Floats, metre: float) -> tuple[list[Floats], int]:
 
 
 def _draw_image(axes: Axes, camera: Camera, image: Image | None, lines: list[Floats], step: int) -> None:
-    """Draw the image of a camera, or its empty frame, with the floor grid.
+    """Draw the image of a camera, or an empty frame, with the floor grid, into `axes`.
 
-    `lines` (k, 3) are the grid, `step` is its spacing in metres.
+    `lines` (k, 3) are the lines of the grid in scene units, `step` is its spacing in metres.
     """
     width, height = camera.image_size or (1, 1)
     if image is not None:
@@ -118,7 +120,10 @@ def _draw_image(axes: Axes, camera: Camera, image: Image | None, lines: list[Flo
 
 
 def _draw_feet(axes: Axes, found: Calibrated, rows: Ints) -> None:
-    """Draw the feet of boxes, with lines to their expected positions; `rows` (n,) are indices of observations."""
+    """Draw the feet of boxes into `axes`, with lines towards their expected positions, enlarged by `MAGNIFIED`.
+
+    `rows` (n,) are indices of observations.
+    """
     box = found.seen.box[rows]
     across, down = _residuals(found, rows)
     u, v = 0.5 * (box[:, 0] + box[:, 2]), box[:, 3]
@@ -129,13 +134,13 @@ def _draw_feet(axes: Axes, found: Calibrated, rows: Ints) -> None:
 
 
 def _draw_residuals(axes: Axes, found: Calibrated, mine: Ints, rows: Ints) -> None:
-    """Draw the residuals over time.
+    """Draw the residuals of a camera's boxes over time, with their standard deviations in the title.
 
     Args:
-        axes: drawn into.
+        axes: axes to draw into.
         found: calibration.
-        mine: (m,) indices of all observations of a camera, for the title.
-        rows: (n,) those that are drawn.
+        mine: (m,) indices of all observations of the camera, for the standard deviations.
+        rows: (n,) indices of those that are drawn.
     """
     time = found.seen.time[found.seen.knot[rows]] - found.seen.time.min()
     for values, colour, name in zip(_residuals(found, rows), (ACROSS, DOWN), ("across", "feet"), strict=True):

@@ -39,12 +39,12 @@ ROUNDS = 4
 
 
 class PlanarPose(NamedTuple):
-    """Planar pose of a camera's level frame in another frame, and its clock offset.
+    """Planar pose of a camera's level frame in a reference frame, and the offset between their clocks.
 
     Attributes:
-        yaw: of the camera [rad].
+        yaw: yaw of the camera [rad].
         position: x + i y of the point below the camera.
-        late: by how much later than the other frame's clock the camera's is [steps of the grid].
+        late: delay of the camera's clock relative to that of the reference [steps of the time grid].
     """
 
     yaw: float
@@ -65,11 +65,11 @@ class PairAlignment(NamedTuple):
     """Estimated pose of camera b in the level frame of camera a, with its support.
 
     Attributes:
-        a: number of a camera.
-        b: number of another one.
-        pose: of b.
-        support: agreements beyond chance.
-        share: of those that are possible.
+        a: index of a camera.
+        b: index of another one.
+        pose: planar pose of b in the level frame of a.
+        support: number of agreeing positions beyond chance.
+        share: share of the possible number, 0 to 1.
     """
 
     a: int
@@ -88,19 +88,20 @@ def align_pair(
     rough: PlanarPose | None = None,
     tolerance: tuple[float, float] = (np.inf, np.inf),
 ) -> tuple[PlanarPose, float, float] | None:
-    """The relative pose and clock offset of two cameras with most support.
+    """Find the relative planar pose and clock offset of two cameras with most support by common people.
 
     Args:
-        a: (A, T) x + i y of the A paths of a camera on a grid of times, in its level frame; NaN: not there.
-        b: (B, T) those of another camera.
+        a: (A, T) x + i y of the A paths of a camera on a grid of times, in its level frame; NaN: absent.
+        b: (B, T) x + i y of the B paths of another camera, in its level frame.
         step_s: step of the grid [s].
-        person_height: in the unit of the positions.
-        max_late: largest offset of the clocks that is tried [steps].
-        rough: pose of b in the frame of a that is stated.
-        tolerance: largest difference from it: yaw [rad] and position.
+        person_height: height of a person, in the unit of the positions.
+        max_late: largest clock offset that is tried [steps].
+        rough: stated pose of b in the frame of a; None: none.
+        tolerance: largest differences from it: yaw [rad] and position.
 
     Returns:
-        Pose of b in a, agreements beyond chance, and their share of those possible; None: no proposal.
+        Pose of b in a, number of agreeing positions beyond chance, and its share of those possible; None if no paths
+        agree in shape and no pose is stated.
     """
     found: list[tuple[Floats, Ints, Floats, Complexes]] = []
     for late in range(-max_late, max_late + 1):
@@ -141,7 +142,10 @@ def align_pair(
 
 
 def _shifted(paths: Complexes, late: int) -> Complexes:
-    """Paths (n, T) of a clock that is `late` by some steps, at the times of the other clock: those of later times."""
+    """Paths (n, T) shifted by `late` steps: the samples of a clock with that delay, at the times of the other clock.
+
+    NaN where there are none.
+    """
     out = np.full_like(paths, np.nan)
     if late >= 0:
         out[:, : paths.shape[1] - late] = paths[:, late:]
@@ -153,13 +157,13 @@ def _shifted(paths: Complexes, late: int) -> Complexes:
 def _proposals(a: Complexes, b: Complexes, step_s: float, person_height: float) -> tuple[Floats, Floats, Complexes]:
     """Weights, yaws [rad] and translations (n,) of the planar congruences that map paths of b to paths of a.
 
-    One for each pair of paths that agree in shape; translations are complex.
+    One for each pair of paths that agree in shape; translations are x + i y.
 
     Args:
-        a: (A, T) complex positions of paths; NaN: absent.
-        b: (B, T) likewise, in the frame of the other camera.
+        a: (A, T) x + i y of paths; NaN: absent.
+        b: (B, T) x + i y of paths in the frame of the other camera.
         step_s: time step [s].
-        person_height: in scene units.
+        person_height: height of a person, in the unit of the positions.
     """
     there_a, there_b = np.isfinite(a), np.isfinite(b)
     za, zb = np.where(there_a, a, 0.0), np.where(there_b, b, 0.0)
@@ -181,7 +185,7 @@ def _proposals(a: Complexes, b: Complexes, step_s: float, person_height: float) 
 
 
 def _by_time(paths: Complexes) -> Complexes:
-    """(K, T) positions at each time, padded with NaN, without the paths that are absent."""
+    """(K, T) positions present at each time, without the absent ones; padded with NaN. `paths` is (n, T), n >= K."""
     there = np.isfinite(paths)
     most = int(there.sum(axis=0).max(initial=0))
     order = np.argsort(~there, axis=0, kind="stable")[:most]
@@ -189,13 +193,13 @@ def _by_time(paths: Complexes) -> Complexes:
 
 
 def _support(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> tuple[float, float]:
-    """Number of agreeing positions beyond chance for a pose of b in a, and their share of the possible number.
+    """Number of agreeing positions beyond chance for a pose of b in a, and its share of the possible number.
 
     Args:
-        a: (A, T) complex positions of paths; NaN: absent.
-        b: (B, T) likewise, in the frame of the other camera.
-        pose: of b in the frame of a.
-        person_height: in scene units, by which the distance of agreeing positions is limited.
+        a: (A, T) x + i y of paths; NaN: absent.
+        b: (B, T) x + i y of paths in the frame of the other camera.
+        pose: pose of b in the frame of a.
+        person_height: height of a person, by which the distance of agreeing positions is limited.
     """
     moved = pose.position + np.exp(1j * pose.yaw) * _shifted(b, round(pose.late))
     filled = np.flatnonzero(np.isfinite(a).any(axis=0) & np.isfinite(moved).any(axis=0))
@@ -227,13 +231,15 @@ def _mutual(a: Complexes, b: Complexes, limit: float) -> NDArray[np.bool_]:
 
 
 def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float) -> PlanarPose:
-    """Refine a pose by least squares over all agreeing positions; the pose itself if there are too few.
+    """Refine a pose by least squares over all agreeing positions; unchanged if there are too few.
+
+    The clock offset is kept.
 
     Args:
-        a: (A, T) complex positions of paths; NaN: absent.
-        b: (B, T) likewise, in the frame of the other camera.
-        pose: of b in the frame of a.
-        person_height: in scene units.
+        a: (A, T) x + i y of paths; NaN: absent.
+        b: (B, T) x + i y of paths in the frame of the other camera.
+        pose: pose of b in the frame of a.
+        person_height: height of a person, in the unit of the positions.
     """
     late = _shifted(b, round(pose.late))
     moved = pose.position + np.exp(1j * pose.yaw) * late
@@ -246,9 +252,10 @@ def _refined(a: Complexes, b: Complexes, pose: PlanarPose, person_height: float)
 
 
 def joined(count: int, pairs: Sequence[PairAlignment]) -> list[PlanarPose | None]:
-    """Poses of all cameras in the frame of the one with most support; None for cameras not connected to it.
+    """Planar poses of all cameras in the frame of the one with most support; None for cameras not connected to it.
 
-    `count` is the number of cameras; pairs with too little support are ignored.
+    Along the spanning tree with the largest support. `count` is the number of cameras; pairs with too little
+    support are ignored.
     """
     good = [each for each in pairs if each.support >= MIN_SUPPORT and each.share >= MIN_SHARE]
     poses: list[PlanarPose | None] = [None] * count

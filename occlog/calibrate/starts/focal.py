@@ -38,22 +38,19 @@ UNSEEN = 1.0
 
 
 class FocalEstimate(NamedTuple):
-    """A focal length [px] with the standard deviation of its logarithm.
-
-    Without boxes it is the prior of cameras in general.
-    """
+    """A focal length [px] with the standard deviation of its natural logarithm."""
 
     focal_px: float
     sigma_log: float
 
 
 def focal_of_people(camera: Camera, tracks: Sequence[tuple[Floats, Floats]], person_height: float) -> FocalEstimate:
-    """Estimate the focal length of a camera from tracks of boxes.
+    """Estimate the focal length of a camera from tracks of boxes; without suitable boxes the usual one of cameras.
 
     Args:
-        camera: with an image size.
-        tracks: times [s] and boxes (n, 4) of people, left, top, right, bottom [px].
-        person_height: mean height of people.
+        camera: camera with an image size.
+        tracks: times [s] and boxes (n, 4) of people: left, top, right, bottom [px].
+        person_height: mean height of people, in the scene's unit.
     """
     assert camera.image_size is not None
     width = camera.image_size[0]
@@ -87,13 +84,13 @@ def focal_of_people(camera: Camera, tracks: Sequence[tuple[Floats, Floats]], per
 
 
 def _log_heights(camera: Camera, values: Floats, boxes: Floats, person_height: float) -> Floats:
-    """(n,) log ratios of the heights of people, estimated from boxes, to the mean height.
+    """(n,) logarithms of the heights of people, estimated from boxes, over the mean height; `UNSEEN` above the horizon.
 
     Args:
-        camera: of which the image size is used.
-        values: logarithm of the focal length, pitch, roll, and logarithm of the height of the camera.
+        camera: camera, of which the image size is used.
+        values: (4,) log of the focal length [px], pitch, roll [rad], and log of the height of the camera.
         boxes: (n, 4) left, top, right, bottom [px].
-        person_height: mean height.
+        person_height: mean height, in the unit of the camera's height.
     """
     focal, tall = float(np.exp(values[0])), float(np.exp(values[3]))
     posed = replace(

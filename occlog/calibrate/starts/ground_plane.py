@@ -37,13 +37,13 @@ MIN_SLOPE = 1e-3
 
 
 class GroundPlane(NamedTuple):
-    """Inclination and height of a camera.
+    """Inclination and height of a camera relative to the ground.
 
     Attributes:
-        pitch: [rad].
-        roll: [rad].
-        height: of the camera, in the scene's unit.
-        rms: root mean square of the head's residuals, in heights of the box.
+        pitch: pitch of the camera [rad], negative downwards.
+        roll: roll of the camera [rad].
+        height: height of the camera, in the scene's unit.
+        rms: robust root mean square of the heads' residuals, in heights of the box.
         boxes: number of boxes used.
     """
 
@@ -54,7 +54,10 @@ class GroundPlane(NamedTuple):
     boxes: int
 
     def positions(self, camera: Camera, boxes: Floats) -> Floats:
-        """(n, 2) positions on the ground of the feet of boxes (n, 4), in the level frame; NaN above the horizon."""
+        """(n, 2) ground positions of the feet of boxes (n, 4: left, top, right, bottom [px]); NaN above the horizon.
+
+        In the level frame of the camera: origin on the ground below it, x forward.
+        """
         level = replace(
             camera,
             position=np.array([0.0, 0.0, self.height]),
@@ -74,15 +77,15 @@ def whole(camera: Camera, boxes: Floats) -> Bools:
 
 
 def ground_plane(camera: Camera, boxes: Floats, person_height: float) -> GroundPlane | None:
-    """Estimate the ground plane of a camera from boxes.
+    """Estimate the ground plane of a camera from boxes of upright people.
 
     Args:
-        camera: with intrinsics; its pose, where it has one, is where the search starts and a prior.
+        camera: camera with intrinsics; its pose, if known, is the start of the search and a prior.
         boxes: (n, 4) left, top, right, bottom [px].
         person_height: mean height of people, in the scene's unit.
 
     Returns:
-        None: too few boxes are whole, or no plane explains them.
+        None: fewer than `MIN_BOXES` boxes are whole.
     """
     used = boxes[whole(camera, boxes)]
     if len(used) < MIN_BOXES:
@@ -122,7 +125,7 @@ def ground_plane(camera: Camera, boxes: Floats, person_height: float) -> GroundP
 
 
 def _ends(camera: Camera, boxes: Floats) -> tuple[Floats, Floats]:
-    """(n, 3) lines of sight of the feet and of the heads in the camera's frame, with a forward component of 1.
+    """(n, 3) lines of sight of the feet and of the heads in the camera's frame, scaled to 1 along the optical axis.
 
     `boxes` (n, 4) are left, top, right, bottom [px].
     """

@@ -30,11 +30,11 @@ class MarkedPose(NamedTuple):
     """Pose and intrinsics of a camera estimated from marked points.
 
     Attributes:
-        camera: with its pose.
+        camera: camera with its pose.
         sigma_position: (3,) standard deviations, in the unit of the points.
-        sigma_focal: of the focal length, as its share; 0: it was given.
+        sigma_focal: relative standard deviation of the focal length; 0: it was given.
         residual_px: root mean square of the residuals.
-        points: their number.
+        points: number of points.
     """
 
     camera: Camera
@@ -45,16 +45,17 @@ class MarkedPose(NamedTuple):
 
 
 def pose_of_points(camera: Camera, pixels: Floats, points: Floats) -> MarkedPose:
-    """The pose of a camera that minimises the squared residuals of the points.
+    """Estimate the pose of a camera by least squares over marked points, and its focal length if unknown.
 
     Args:
-        camera: with its lens; a focal length of 1 px or less is not known, and is estimated with square pixels, a
-            principal point in the middle and no distortion.
+        camera: camera with its lens; a focal length of 1 px or less means unknown: it is estimated with square
+            pixels, a principal point in the middle and no distortion.
         pixels: (n, 2) marks in the image.
-        points: (n, 3) positions; all with z = 0 where the focal length is not known.
+        points: (n, 3) positions in the world; all with z = 0 if the focal length is unknown.
 
     Raises:
-        InputError: too few points, points on a line, or a point with a residual above `MAX_RESIDUAL_PX`.
+        InputError: too few points, points on a line, a point with a residual above `MAX_RESIDUAL_PX`, a camera
+            below the floor, or an undetermined focal length.
     """
     where, n = f"camera {camera.name}", len(points)
     if n < MIN_POINTS:
@@ -133,7 +134,7 @@ def _with_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
 
 
 def _without_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
-    """Initial pose and focal length, from the homography of the floor, without distortion.
+    """Initial pose and focal length of a camera from the homography of the floor, without distortion.
 
     InputError without an image size, for points above the floor, or if no focal length fits. `pixels` (n, 2) are the
     marks in the image, `points` (n, 3) those in the world.

@@ -13,7 +13,10 @@ MAX_LEVELS = 15
 
 @dataclass(frozen=True)
 class SightingConfig(Settings):
-    """Settings for the assignment of boxes to people with viewing angles; lengths in the scene's unit."""
+    """Settings for sightings of people, that is the assignment of boxes to tracks with viewing angles.
+
+    Lengths are in the scene's unit.
+    """
 
     OWNER: ClassVar[str] = "appearance"
 
@@ -105,7 +108,10 @@ class LearnConfig(SightingConfig):
     )
 
     def rules(self) -> list[tuple[str, bool, str]]:
-        """Check that the angle step divides half a turn, or is 360 degrees."""
+        """Constraints, each as setting, whether it holds, and allowed values: the step divides 180 degrees, or is 360.
+
+        The step is that of viewing angles.
+        """
         steps = 180.0 / self.angle_step
         good = self.angle_step == 360.0 or (steps >= 1.0 and abs(steps - round(steps)) < 1e-9)
         return [("angle_step", good, "a divisor of 180 degrees, or 360")]

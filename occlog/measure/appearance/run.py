@@ -31,13 +31,14 @@ SOURCES = (TruthBoxes, Boxes, Views)
 
 @dataclass(frozen=True)
 class SightingFiles:
-    """Input files of sightings.
+    """Input files for sightings of people: boxes, images, tracks and scene.
 
     Attributes:
-        boxes: a recording or a table with boxes.
-        images: a recording with the frames; None: `boxes` is it, or the table has colours.
-        tracks: who is where; None: the truth of the recordings, or the floor below boxes that have an identity.
-        scene: None: that of a recording.
+        boxes: recording or table with boxes or views.
+        images: recording with the frames; None: those of `boxes`, or the table has colours.
+        tracks: positions and identities of people; None: the truth of the recordings, or the floor below boxes that
+            have an identity.
+        scene: scene file; None: the scene of a recording.
     """
 
     boxes: Path
@@ -47,19 +48,22 @@ class SightingFiles:
 
 
 class SightingInput:
-    """Boxes with their images, and the positions of all people.
+    """Opened inputs of sightings: boxes with their images, and the paths of all people.
 
     Attributes:
-        scene: where.
-        own_identity: the identities of boxes are those of the paths.
-        positions: where the paths come from, in words.
+        files: input files.
+        scene: cameras and length unit.
+        own_identity: the boxes bring the identities of the paths, so that they need not be associated by position.
+        positions: source of the paths: `tracks`, `truth` or `floor` (below labelled boxes).
     """
 
     def __init__(self, files: SightingFiles, labelled: bool) -> None:
         """Open all inputs; only headers are read.
 
+        InputError if there are neither images nor boxes with colours, or units differ.
+
         Args:
-            files: what to read.
+            files: files to read.
             labelled: the identities of boxes are those of the tracks.
         """
         self.files = files
@@ -104,7 +108,7 @@ class SightingInput:
         return iter(())
 
     def walks(self, config: SightingConfig) -> dict[int, Walk]:
-        """Paths of all people; InputError without people."""
+        """Paths of all people by identity; InputError if there are none."""
         if self._tracks is None:
             found = paths_of_boxes(self._chunks(), self.scene, config)
             if not found:
@@ -122,7 +126,12 @@ class SightingInput:
 
 
 def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Learn the gallery of appearances from boxes and images, and write it; return the summary and the losses."""
+    """Learn the appearance gallery from boxes and images, and write it; return the summary and the losses.
+
+    Raises:
+        UsageError: boxes and views are both given.
+        InputError: no viewing angle of any person has enough boxes.
+    """
     if request.boxes is not None and request.views is not None:
         raise UsageError(
             f"{option('boxes')} and {option('views')} are two sources of boxes; give one of them",
@@ -157,13 +166,13 @@ def run_learn(request: LearnRequest, job: Job) -> tuple[dict[str, object], tuple
 
 
 def _figures(gallery: Gallery, tally: SightingTally) -> dict[str, object]:
-    """Figures of the summary: numbers of frames, boxes and samples, and what the gallery holds.
+    """Return the figures of the summary by name: numbers of frames, boxes and samples, and the gallery's content.
 
-    `sides` has the angles learned for each target, as text, by the target's id.
+    `sides` has the indices of the learned viewing angles of each target as text, for example "1 2 5".
 
     Args:
-        gallery: what was learned.
-        tally: what was read.
+        gallery: learned gallery, not empty.
+        tally: counts of frames and boxes read.
     """
     sides: dict[int, list[int]] = {}
     for target, angle in zip(gallery.target_id.tolist(), gallery.angle.tolist(), strict=True):

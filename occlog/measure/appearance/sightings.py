@@ -58,9 +58,9 @@ def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> In
     """(n,) index of the track of each box, -1 for none: one to one, most pairs, then the greatest total IoU.
 
     Args:
-        boxes: (n, 4) of one frame.
-        expected: (K, 4) of the tracks; NaN: not in the image.
-        least_overlap: intersection over union of a box and its track.
+        boxes: (n, 4) left, top, right, bottom [px] of detections in one frame.
+        expected: (K, 4) left, top, right, bottom [px] predicted for K tracks; NaN: not in the image.
+        least_overlap: minimum intersection over union (IoU) of a pair.
     """
     out = np.full(len(boxes), -1, dtype=np.int64)
     shared = overlaps(boxes, expected)
@@ -72,9 +72,9 @@ def tracks_of_boxes(boxes: Floats, expected: Floats, least_overlap: float) -> In
 
 
 def covered(boxes: Floats) -> Floats:
-    """(n,) largest share of each of the boxes (n, 4) covered by that of a nearer person.
+    """(n,) largest share of each of the boxes (n, 4) that one box of a nearer person covers, 0 to 1.
 
-    A nearer person has lower feet in the image; boxes are left, top, right, bottom.
+    A nearer person has lower feet in the image; boxes are left, top, right, bottom [px].
     """
     nearer = boxes[None, :, 3] > boxes[:, None, 3]
     share = np.where(nearer, overlaps(boxes, boxes), 0.0) / areas(boxes)[:, None]
@@ -82,7 +82,10 @@ def covered(boxes: Floats) -> Floats:
 
 
 class PersonPath(NamedTuple):
-    """Positions and headings of a person over time."""
+    """Positions (M, 2) and headings (M, 2) of one person at M rising times [ns], in the world.
+
+    Headings are unit vectors, NaN where unknown.
+    """
 
     t_ns: Ints  # (M,) rising
     xy: Floats  # (M, 2)
@@ -90,7 +93,10 @@ class PersonPath(NamedTuple):
 
 
 class PeopleAtTimes(NamedTuple):
-    """All people at N times; K people."""
+    """K people at N times: sorted identities (K,), positions and headings (N, K, 2), mask (N, K) of those that exist.
+
+    Headings are unit vectors; NaN where unknown or absent.
+    """
 
     identity: Ints32  # (K,) rising
     xy: Floats  # (N, K, 2) NaN: not there
@@ -102,11 +108,11 @@ def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_spe
     """Create the path of one person from its rows.
 
     Args:
-        t_ns: (M,) times, not falling; of equal times the last counts.
+        t_ns: (M,) nondecreasing times [ns]; of equal times the last counts.
         xy: (M, 2) positions.
-        velocity: (M, 2); NaN: take the difference of the positions half of `heading_ns` before and after.
-        heading_ns: > 0.
-        least_speed: people who are slower head nowhere.
+        velocity: (M, 2) velocities [length/s]; NaN: from the positions `heading_ns` / 2 before and after.
+        heading_ns: time over which positions are differenced [ns], > 0.
+        least_speed: below this speed the heading is unknown (NaN) [length/s].
     """
     last = np.append(np.diff(t_ns) > 0, True)
     t_ns, xy, velocity = t_ns[last], xy[last], velocity[last]
@@ -130,7 +136,7 @@ def path_of(t_ns: Ints, xy: Floats, velocity: Floats, heading_ns: int, least_spe
 def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleAtTimes:
     """All people at the times `t_ns` (N,) [ns], linearly interpolated over gaps of at most `limit_ns` [ns].
 
-    `paths` has the path of each identity.
+    `paths` has the path of each person by identity.
     """
     identity = np.array(sorted(paths), dtype=np.int32)
     n, k = len(t_ns), len(identity)
@@ -148,17 +154,17 @@ def at_times(paths: dict[int, PersonPath], t_ns: Ints, limit_ns: int) -> PeopleA
 
 
 def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
-    """Angles between headings and the directions to a camera, 0 (the front is seen) to pi (the back) [rad].
+    """Angles between headings and the directions to a camera, 0 (the front is visible) to pi (the back) [rad].
 
     Left and right are not distinguished, since people are taken as symmetric.
 
     Args:
         xy: (..., 2) positions on the floor.
-        heading: (..., 2) unit vectors; NaN: not known.
-        camera: (2,) position on the floor.
+        heading: (..., 2) unit vectors; NaN: unknown.
+        camera: (2,) position of the camera on the floor.
 
     Returns:
-        (...,) NaN where the heading is not known, or the person is under the camera.
+        (...,) NaN where the heading is unknown, or the person is under the camera.
     """
     to = camera - xy
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -167,14 +173,14 @@ def viewing_angles(xy: Floats, heading: Floats, camera: Floats) -> Floats:
 
 
 def angle_bins(angle: Floats, angles: int) -> Ints32:
-    """Indices n of viewing angles, 1 (front) to N (back): the nearest of (n - 1) pi / (N - 1) ([Lee] 5.6).
+    """Indices of viewing angles, 1 (front) to N (back): n is nearest to (n - 1) pi / (N - 1) ([Lee] 5.6).
 
     Args:
-        angle: [rad] 0 to pi; NaN: not known.
-        angles: N; 1: all sides together, whatever the angle.
+        angle: viewing angles [rad], 0 to pi; NaN: unknown.
+        angles: number N of indices; with 1 all are 1, also for unknown angles.
 
     Returns:
-        0 where the angle is not known and N is above 1.
+        Array of the shape of `angle`; 0 where the angle is unknown and N is above 1.
     """
     if angles == 1:
         return np.ones(np.shape(angle), dtype=np.int32)
@@ -189,20 +195,34 @@ VIEWS_LEVELS = 8
 
 
 class FrameBoxes(NamedTuple):
-    """The boxes of one frame; n boxes."""
+    """The n boxes of one frame.
+
+    Attributes:
+        t_ns: time [ns].
+        sensor, frame: name of the camera, and number of the frame.
+        box: (n,) numbers of the boxes.
+        identity: (n,) identity that the source states; -1 (`NO_ID`): none.
+        edges: (n, 4) left, top, right, bottom [px].
+        density: (n, m) normalised colour histograms; (n, 0) if they are to be taken from the image.
+        pixels: (n,) numbers of pixels in the histograms.
+    """
 
     t_ns: int
     sensor: str
     frame: int
-    box: Ints32  # (n,)
-    identity: Ints32  # (n,) as the source states; NO_ID: none
-    edges: Floats  # (n, 4) left, top, right, bottom [px]
-    density: Floats  # (n, m) colours, where the table has them; (n, 0): the image is requested
-    pixels: Ints  # (n,) that made them
+    box: Ints32
+    identity: Ints32
+    edges: Floats
+    density: Floats
+    pixels: Ints
 
 
 class Sighting(NamedTuple):
-    """Appearances and viewing angles of the n boxes of one frame."""
+    """Appearances and viewing angles of the n boxes of one frame.
+
+    Fields: the boxes; identity of each box's track, -1 for none; viewing angle [rad], NaN if unknown; share covered
+    by a nearer box, 0 to 1; normalised colour histograms (n, m), NaN without pixels; numbers of pixels.
+    """
 
     boxes: FrameBoxes
     track: Ints32  # (n,) NO_ID: of no track
@@ -214,14 +234,15 @@ class Sighting(NamedTuple):
 
 @dataclass
 class SightingTally:
-    """Counts over a stream of frames.
+    """Counts over a stream of frames with boxes.
 
     Attributes:
-        frames, boxes: of those with boxes.
-        of_tracks: boxes that are of a track.
-        missing: boxes of a camera with a frame that is not among the images.
-        undecoded: frames of a camera that cannot be decoded.
-        last_ns: time of the last frame; -1: none.
+        frames: frames with boxes.
+        boxes: boxes in them.
+        of_tracks: boxes assigned to a track.
+        missing: by camera, boxes of frames that are not among the images.
+        undecoded: by camera, frames that cannot be decoded.
+        last_ns: time of the last frame [ns]; -1: none.
     """
 
     frames: int = 0
@@ -241,7 +262,7 @@ class SightingTally:
 def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[FrameBoxes]:
     """Generate boxes frame by frame, sorted by time and camera name; frames without boxes are skipped.
 
-    Regions that the fusion of detections added or removed are skipped, too. InputError if times go back.
+    Views that the fusion of detections recovered or removed are skipped, too. InputError if times go back.
     """
     for table in _whole_times(chunks):
         if isinstance(table, Views):
@@ -270,7 +291,7 @@ def boxes_of_frames(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Frame
 
 
 def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | Views]:
-    """Generate the rows in other chunks, so that no time is split; InputError if times go back."""
+    """Rechunk boxes so that all rows of a time are in one chunk; InputError if times go back."""
     held: Boxes | Views | None = None
     for chunk in chunks:
         whole = chunk if held is None else type(chunk).concat([held, chunk])  # type: ignore[list-item]
@@ -287,7 +308,7 @@ def _whole_times(chunks: Iterable[Boxes] | Iterable[Views]) -> Iterator[Boxes | 
 
 
 def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, PersonPath]:
-    """Paths of all people in a table, by identity; true positions have no velocity."""
+    """Paths of all people in a table, by identity; headings of true positions come from their differences."""
     unknown = np.full((len(table), 2), np.nan)
     velocity = unknown if isinstance(table, Truth) else np.column_stack([table.vx, table.vy])
     return _paths(table.target_id, table.t_ns, np.column_stack([table.x, table.y]), velocity, config)
@@ -296,9 +317,10 @@ def paths_of_rows(table: Tracks | Truth, config: SightingConfig) -> dict[int, Pe
 def paths_of_boxes(
     chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, config: SightingConfig
 ) -> dict[int, PersonPath]:
-    """Path of each identity of boxes: floor positions below the middle of their lower edges.
+    """Path of each identity of boxes by identity: floor positions below the middle of their lower edges.
 
-    They are averaged over the cameras at one time; boxes with a lower edge above the horizon are skipped.
+    Positions are averaged over the cameras at one time; boxes whose lower edge is above the horizon, and cameras of
+    unknown height, are skipped.
     """
     placed = {c.name: c for c in scene.cameras if c.has_height}
     identity, t_ns, xy = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
@@ -341,20 +363,22 @@ def observe_boxes(
     own_identity: bool,
     tally: SightingTally,
 ) -> Iterator[Sighting]:
-    """Generate the sightings of boxes, frame by frame.
+    """Generate the sightings of boxes (appearance, track and viewing angle), frame by frame.
+
+    Frames whose image is missing or cannot be decoded are skipped and counted.
 
     Args:
-        boxes: in the order of time; those of cameras that the scene does not have are an error.
+        boxes: boxes of frames in the order of time.
         images: frames in the order of time; not read where boxes bring their colours.
-        paths: of tracks, by identity.
-        scene: must have the cameras.
-        config: settings.
-        levels: of the densities.
-        own_identity: the identities of boxes are those of tracks; else boxes are of the tracks at their positions.
-        tally: brought up to date.
+        paths: paths of tracks, by identity.
+        scene: scene with the cameras.
+        config: settings of the association.
+        levels: levels of hue, saturation and brightness of the histograms.
+        own_identity: the boxes bring the identities of tracks; otherwise they are associated by position.
+        tally: updated in place.
 
     Raises:
-        InputError: a camera that the scene does not have, or colours of other levels.
+        InputError: a camera that the scene does not have, or colours in another number of levels.
     """
     cameras = {c.name: c for c in scene.cameras}
     stream = _Images(images, tally)
@@ -385,11 +409,11 @@ def observe_boxes(
 
 
 def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
-    """Part of an image inside a box, and mask of the pixels in the inscribed ellipse.
+    """Part of an image inside a box, and the mask (0 or 1) of its pixels in the inscribed ellipse, of equal shape.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
-        edges: (4,) left, top, right, bottom [px]; a box that reaches over the image is cut.
+        edges: (4,) left, top, right, bottom [px]; a box that exceeds the image is clipped.
     """
     left, top, right, bottom = edges.tolist()
     height, width = image.shape[:2]
@@ -403,14 +427,14 @@ def in_ellipse(image: Image, edges: Floats) -> tuple[Bytes, Bytes]:
 def _seen_tracks(
     boxes: FrameBoxes, paths: dict[int, PersonPath], camera: Camera, config: SightingConfig, own_identity: bool
 ) -> tuple[Ints32, Floats]:
-    """(n,) track of each of n boxes, NO_ID for none, and its viewing angle (n,) [rad], NaN if unknown.
+    """Identity (n,) of the track of each of n boxes, -1 for none, and viewing angles (n,) [rad], NaN if unknown.
 
     Args:
-        boxes: of one frame.
-        paths: of people, by identity.
-        camera: of the frame.
-        config: height of people, and limits of gaps and overlaps.
-        own_identity: the boxes' identities are those of the paths; otherwise boxes are matched with expected ones.
+        boxes: boxes of one frame.
+        paths: paths of people, by identity.
+        camera: camera of the frame.
+        config: height of people, largest gap of a path, and minimum IoU.
+        own_identity: the boxes bring the identities of the paths; otherwise they are matched with predicted boxes.
     """
     n = len(boxes.box)
     if not paths or not camera.has_height:
@@ -431,17 +455,20 @@ def _seen_tracks(
 
 
 class _Images:
-    """Stream of images that holds those of the current time."""
+    """Reads a stream of images, sorted by time, and holds those of the current time."""
 
     def __init__(self, frames: Iterable[Frame], tally: SightingTally) -> None:
-        """Start without reading images; `tally` counts those that are missing or cannot be read."""
+        """Start without reading images; `tally` is updated with those that are missing or cannot be decoded."""
         self._frames, self._tally = iter(frames), tally
         self._held: dict[tuple[str, int], Frame] = {}
         self._next: Frame | None = None
         self._time = -1
 
     def at(self, boxes: FrameBoxes) -> Image | None:
-        """Image of a frame; times must not decrease. None, and counted, if missing."""
+        """Decoded image of the frame of `boxes`, whose times must not decrease; None if missing or damaged.
+
+        Missing boxes and undecoded frames are counted.
+        """
         if boxes.t_ns > self._time:
             self._held.clear()
             self._time = boxes.t_ns

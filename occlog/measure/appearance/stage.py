@@ -25,10 +25,10 @@ ANGLE, HEADING, COVERED, PIXELS = "angle", "heading", "covered", "pixels"
 
 
 def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
-    """Return the mean colour histograms of each target and viewing angle; every pixel has the same weight.
+    """Return the gallery: mean colour histogram of each target and viewing angle; every pixel has the same weight.
 
-    Boxes without a track, with unknown heading, covered, or with too few pixels are skipped. The table is empty if no
-    viewing angle of any person has enough boxes.
+    Boxes without a track, with an unknown viewing angle, covered, or with too few pixels are skipped. The table is
+    empty if no viewing angle of any person has enough boxes.
     """
     counts: dict[tuple[int, int], Floats] = {}
     samples: dict[tuple[int, int], int] = {}
@@ -60,31 +60,39 @@ def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
 
 
 def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
-    """Why boxes have no usable appearance.
+    """Reasons why n boxes have no usable appearance.
 
     Args:
-        sighting: n boxes with their occlusion and their numbers of pixels.
+        sighting: n boxes with their covered shares and numbers of pixels.
         config: limits of both.
 
     Returns:
-        (n,) `covered` if too much of the box is occluded, else `pixels` if it has too few; empty if it is usable.
+        (n,) `covered` if too much of the box is covered, else `pixels` if it has too few; empty text if it is usable.
     """
     few = sighting.pixels < config.min_pixels
     return np.where(sighting.covered > config.max_occlusion, COVERED, np.where(few, PIXELS, ""))
 
 
 class GalleryArrays(NamedTuple):
-    """A gallery as arrays; R targets, N angles, m bins."""
+    """Appearance gallery as arrays, for R targets, N viewing angles and m colour bins.
 
-    target: Ints32  # (R,) rising
-    density: Floats  # (R, N, m)
-    pixels: Ints  # (R, N)
-    there: Bools  # (R, N)
+    Attributes:
+        target: (R,) identities, rising.
+        density: (R, N, m) normalised histograms.
+        pixels: (R, N) numbers of pixels in them.
+        there: (R, N) mask of learned viewing angles.
+        levels: number L of colour levels, with m = L (L + 1).
+    """
+
+    target: Ints32
+    density: Floats
+    pixels: Ints
+    there: Bools
     levels: int
 
 
 def sides_of(gallery: Gallery) -> GalleryArrays:
-    """Arrays of a gallery; InputError if it is empty, or its number of bins belongs to no number of levels."""
+    """Convert a gallery to arrays; InputError if it is empty, or its number of bins is not L (L + 1) for any L."""
     if not len(gallery):
         raise InputError("gallery: has no rows; make one with occlog appearance learn", id="empty-input")
     bins, angles = int(gallery.bins[0]), int(gallery.angles[0])
@@ -101,9 +109,10 @@ def sides_of(gallery: Gallery) -> GalleryArrays:
 def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConfig) -> Iterator[AppearanceMatches]:
     """Compare each box with each target at the same viewing angle; generate one table per frame.
 
-    A box is identified as the most similar target if the similarity is sufficient; of two boxes most similar to one
-    target the more similar one is identified. Comparisons are suspended for a target without this viewing angle in the
-    gallery (`sides`), and for all targets if the viewing angle is unknown or the box has too few visible pixels.
+    A box is identified as the most similar target if the similarity is at least `config.min_similarity`; of several
+    boxes most similar to one target only the most similar one is. Comparisons are suspended for a target without
+    this viewing angle in the gallery `sides`, and for all targets if the viewing angle is unknown, or too much of
+    the box is covered, or it has too few pixels.
     """
     n_targets, n_angles = sides.there.shape
     for each in sightings:
@@ -143,10 +152,10 @@ def match(sightings: Iterable[Sighting], sides: GalleryArrays, config: MatchConf
 
 
 def most_similar(similarities: Floats, least: float) -> Bools:
-    """(n, R) mask of boxes and their most similar targets; of several boxes of a target, the most similar one.
+    """(n, R) mask of pairs of n boxes and R targets: each box with its most similar target, one box per target.
 
     Args:
-        similarities: (n, R); NaN: not compared.
+        similarities: (n, R) similarities; NaN: not compared.
         least: minimum similarity of a pair.
     """
     filled = np.where(np.isnan(similarities), -np.inf, similarities)
@@ -166,23 +175,30 @@ T = TypeVar("T", bound=Tracks)
 
 
 class IdentityEvidence(NamedTuple):
-    """Similarity sums over the boxes of K tracks compared with R targets."""
+    """Similarity of the boxes of K tracks to R targets of a gallery, summed over boxes.
 
-    track: Ints32  # (K,) rising
-    target: Ints32  # (R,) rising
-    similarities: Floats  # (K, R) sum of coefficients without their bias
-    boxes: Ints  # (K, R)
+    Attributes:
+        track: (K,) identities of the tracks, rising.
+        target: (R,) identities of the targets, rising.
+        similarities: (K, R) sums of Bhattacharyya coefficients, corrected for their bias.
+        boxes: (K, R) numbers of boxes that were compared.
+    """
+
+    track: Ints32
+    target: Ints32
+    similarities: Floats
+    boxes: Ints
 
 
 class EvidenceTally:
-    """Accumulates similarity sums over a stream of tables."""
+    """Sums the similarities of tracks and targets over a stream of match tables."""
 
     def __init__(self) -> None:
         """Start without compared pairs."""
         self._sums: dict[tuple[int, int], tuple[float, int]] = {}
 
     def add(self, part: AppearanceMatches) -> None:
-        """Add the similarities of the pairs of track and target that were compared."""
+        """Add the similarities of all compared boxes that have a track."""
         rows = np.flatnonzero((part.decision != SUSPENDED) & (part.track_id != NO_ID))
         columns = (part.track_id[rows], part.target_id[rows], part.rho_corrected[rows])
         for track, target, value in zip(*(c.tolist() for c in columns), strict=True):
@@ -202,16 +218,16 @@ class EvidenceTally:
 def identities(
     evidence: IdentityEvidence, together: Bools, similarity_limit: float, least_boxes: int
 ) -> dict[int, int]:
-    """Target of each track with sufficient evidence; a target may have several successive tracks.
+    """Target of each track with sufficient evidence, by track; a target may have several tracks at different times.
 
     Pairs of track and target are assigned greedily by mean similarity. A track has one target, and tracks that coexist
     have different targets.
 
     Args:
-        evidence: of K tracks and R targets.
-        together: (K, K) pairs of tracks that are there at the same time.
-        similarity_limit: mean over a track's boxes.
-        least_boxes: fewest of them.
+        evidence: similarity sums of K tracks and R targets.
+        together: (K, K) mask of pairs of tracks that exist at the same time.
+        similarity_limit: minimum mean similarity of a pair.
+        least_boxes: minimum number of boxes of a pair.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = evidence.similarities / evidence.boxes
@@ -226,7 +242,10 @@ def identities(
 
 
 def tracks_together(tracks: Tracks, which: Ints32) -> Bools:
-    """(K, K) mask of tracks with overlapping time spans; True on the diagonal. `which` (K,) are their identities."""
+    """(K, K) mask of tracks with overlapping time spans; True on the diagonal.
+
+    `which` (K,) are the identities of the tracks; one without rows overlaps with no track, not even itself.
+    """
     first, last = np.full(len(which), np.iinfo(np.int64).max), np.full(len(which), np.iinfo(np.int64).min)
     for k, name in enumerate(which.tolist()):
         own = tracks.t_ns[tracks.target_id == name]
@@ -236,14 +255,14 @@ def tracks_together(tracks: Tracks, which: Ints32) -> Bools:
 
 
 def renamed(tracks: T, named: dict[int, int], gallery: Iterable[int]) -> tuple[T, dict[int, int]]:
-    """Rename tracks to the gallery's identities; also return the new name of every track.
+    """Rename tracks to the identities of a gallery; also return the new name of every track by the old one.
 
-    Other tracks get numbers above all of the gallery's, in their order.
+    Other tracks get numbers above all identities of the gallery, in their order.
 
     Args:
-        tracks: to rename.
+        tracks: tracks to rename.
         named: identity in the gallery by track.
-        gallery: all its identities.
+        gallery: all identities of the gallery.
     """
     names = np.unique(tracks.target_id)
     free = 1 + max(gallery, default=-1)

@@ -42,7 +42,7 @@ class LabelRequestBase(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class _ByKind(LabelRequestBase):
-    """Shared options, including the one that selects the kind."""
+    """Options of `occlog label` that select the kind of request: with a gallery, or without."""
 
     gallery: Path | None = source(GALLERY)
 

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 
 def run_label(request: LabelRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Label candidate bearings by tracks, and write them; return the summary and earlier losses.
+    """Label candidate bearings by tracks, and write them; return the summary and the losses of the inputs.
 
-    InputError if no track is there at the time of any frame.
+    InputError if no track exists at the time of any frame.
     """
     inputs = MeasurementInputs(request.bearings, request.scene, request.doa, request.doa_labels)
     tracks = inputs.open(request.tracks, Tracks)
@@ -70,7 +70,7 @@ class LabelTally:
         self.frames = 0
 
     def add(self, part: Labelled) -> None:
-        """Count the rows of a part."""
+        """Add the counts of one part of the labelled bearings."""
         self.rows += len(part.bearings)
         self.labelled.update(part.given.tolist())
         self.not_seen.update(part.missed.tolist())
@@ -78,10 +78,11 @@ class LabelTally:
         self.frames += part.frames
 
     def summary(self) -> dict[str, object]:
-        """Figures of the summary: rows of the output, frames with tracks, labels and candidates left.
+        """Return the figures of the summary by name.
 
-        rows: in the output. frames_of_tracks: frames with a track at their time. labelled, missed_detections: rows of
-        each target that got a label, or were added. unassigned_candidates: without a label.
+        rows: rows of the output. frames_of_tracks: frames with a track at their time. labelled, missed_detections:
+        by target, rows that got its label and rows that were added. unassigned_candidates: candidates without a
+        label.
         """
         return {
             "rows": self.rows,
@@ -93,7 +94,7 @@ class LabelTally:
 
 
 def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Match boxes with a gallery of appearances, and write the matches; name tracks by them if asked.
+    """Match boxes with a gallery of appearances and write the matches; optionally also the tracks, renamed by them.
 
     Args:
         request: inputs, outputs and settings.
@@ -103,7 +104,7 @@ def run_match(request: MatchRequest, job: Job) -> tuple[dict[str, object], tuple
         Summary, and losses of the inputs.
 
     Raises:
-        UsageError: named tracks are asked for without tracks.
+        UsageError: renamed tracks are requested without tracks.
         InputError: no box could be compared.
     """
     if request.reidentified is not None and request.tracks is None:
@@ -179,7 +180,7 @@ class DecisionTally:
         self.reasons: Counter[str] = Counter()
 
     def add(self, part: AppearanceMatches) -> None:
-        """Add the rows of whole frames."""
+        """Count the boxes, pairs and decisions of a table of whole frames, sorted by frame and box."""
         fresh = np.append(True, (part.box[1:] != part.box[:-1]) | (part.sensor[1:] != part.sensor[:-1]))
         first = np.flatnonzero(fresh[: len(part)])
         self.rows += len(part)
@@ -189,10 +190,10 @@ class DecisionTally:
         self.reasons.update(part.reason[part.reason != ""].tolist())
 
     def summary(self) -> dict[str, object]:
-        """Figures of the summary: boxes, labelled boxes, and compared and suspended pairs.
+        """Figures of the summary by name.
 
-        boxes: of all frames. labelled: boxes that are a person of the gallery. compared: pairs of a box and a target.
-        suspended: pairs that were not compared, by the reason.
+        boxes: boxes of all frames. labelled: boxes identified as a person of the gallery. compared: pairs of a box and
+        a target. suspended: number of pairs that were not compared, by reason.
         """
         return {
             "boxes": self.boxes,

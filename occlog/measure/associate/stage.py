@@ -26,7 +26,11 @@ ANY_DIRECTION = np.pi**2 / 3.0
 
 
 class Labelled(NamedTuple):
-    """Labelled bearings of complete time steps, with counts of candidates."""
+    """Labelled bearings of complete time steps, with counts.
+
+    `given` has the target of each candidate that got a label, `missed` that of each added row without detection; `left`
+    counts candidates without a label, `frames` those with a track at their time.
+    """
 
     bearings: Bearings
     given: Ints32  # target of each candidate that got a label
@@ -36,7 +40,10 @@ class Labelled(NamedTuple):
 
 
 class _States(NamedTuple):
-    """K tracks at N times."""
+    """K tracks at N times: identities (K,), states (N, K, 5), and a mask (N, K) of those that exist.
+
+    States are x, y, cov_xx, cov_xy, cov_yy in the world, NaN where a track does not exist.
+    """
 
     target: Ints32  # (K,) rising
     values: Floats  # (N, K, 5) x, y, cov_xx, cov_xy, cov_yy; NaN where the track is not
@@ -52,21 +59,21 @@ def label(
 ) -> Iterator[Labelled]:
     """Generate the bearings with candidates labelled by the tracks that they agree with, sorted by time.
 
-    In every frame of a sensor candidates are assigned one to one to the tracks at its time: the maximum number within
-    the gate, then the least sum of squared normalised bearing differences. A track without a candidate gets a row
-    without detection, since the sensor delivered a frame. Labelled rows are kept, and their tracks are excluded. The
-    result is independent of chunk borders; memory is bounded.
+    In every frame of a sensor candidates are assigned one to one to the tracks at its time: the maximum number
+    within the gate, then the least sum of squared normalised bearing differences. A track without a candidate gets
+    a row without detection. Rows that have a label keep it, and exclude its track. The result is independent of
+    chunk borders; memory is bounded.
 
     Args:
         bearings: chunks in the order of time.
-        tracks: chunks in the order of time; linear between their rows, nowhere else.
-        scene: must have the sensors.
-        config: gate, gaps, rows kept.
-        sensors: names of those to use, rows of others are skipped; None: all.
+        tracks: chunks in the order of time; interpolated linearly between their rows, not beyond.
+        scene: has all sensors.
+        config: gate, largest gap of a track, and whether unassigned candidates are kept.
+        sensors: names of those to use; rows of others are skipped; None: all.
 
     Raises:
-        InputError: a sensor that the scene does not have or that has no pose, a track with a
-            negative identity, or times that go back.
+        InputError: a sensor that the scene does not have or that has no pose, a track with a negative identity, or
+            times that go back.
     """
     names = frozenset(sensor_names(scene) if sensors is None else sensors)
     paths = _Paths(tracks, round(config.max_gap_s * NS))
@@ -78,7 +85,7 @@ def label(
 
 
 def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """Generate the rows in chunks of about `ROWS_PER_PART` rows, without splitting a time."""
+    """Rechunk bearings to about `ROWS_PER_PART` rows, with all rows of a time in one chunk."""
     rest = Bearings.empty()
     for chunk in chunks:
         table = Bearings.concat([rest, chunk])
@@ -95,19 +102,19 @@ def _whole_times(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
 
 
 class _Paths:
-    """Stream of tracks that holds the rows around the current times."""
+    """Interpolates a stream of tracks at nondecreasing times; only the rows around them are in memory."""
 
     def __init__(self, chunks: Iterable[Tracks], limit_ns: int) -> None:
-        """Start without reading tracks, which are sorted by time.
+        """Start without reading tracks, whose chunks are sorted by time.
 
-        Gaps of more than `limit_ns` [ns] are not interpolated.
+        Tracks are not interpolated across gaps of more than `limit_ns` [ns].
         """
         self._chunks = iter(chunks)
         self._limit_ns = limit_ns
         self._held = Tracks.empty()
 
     def at(self, t_ns: Ints) -> _States:
-        """All tracks at nondecreasing times `t_ns` (N,) [ns], also across calls."""
+        """Interpolate all tracks at the times `t_ns` (N,) [ns], nondecreasing within and across calls."""
         near = self._near(int(t_ns[0]) - self._limit_ns, int(t_ns[-1]) + self._limit_ns).with_covariance()
         target = np.unique(near.target_id)
         values, there = np.empty((len(t_ns), len(target), 5)), np.zeros((len(t_ns), len(target)), dtype=np.bool_)
@@ -118,7 +125,10 @@ class _Paths:
         return _States(target, values, there)
 
     def _near(self, first_ns: int, last_ns: int) -> Tracks:
-        """Rows from `first_ns` to `last_ns` [ns], both included; earlier rows are dropped for good."""
+        """Read on, and return the track rows from `first_ns` to `last_ns` [ns], both included.
+
+        Earlier rows are dropped for good. InputError for a negative identity.
+        """
         parts = [self._held]
         while not len(parts[-1]) or parts[-1].t_ns[-1] <= last_ns:
             chunk = next(self._chunks, None)
@@ -137,9 +147,9 @@ class _Paths:
 
 
 def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: LabelConfig) -> Labelled:
-    """Label the rows of whole times, sorted by the key, and add rows of tracks that a frame does not show.
+    """Label the candidates of whole times, and add a row without detection for each track that a frame misses.
 
-    `ground` (2,) is the position of each sensor by name.
+    `table` is sorted by time and sensor; `ground` has the ground position (2,) of each sensor by name.
     """
     # Frames: the rows of one sensor at one time
     fresh = np.ones(len(table), dtype=np.bool_)
@@ -170,13 +180,13 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
 
 
 def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[Ints, Ints]:
-    """Assign candidates to tracks in all frames; return the rows of assigned candidates and of their tracks.
+    """Assign candidates to tracks one to one in each frame; return indices of the assigned candidates and their tracks.
 
     Args:
-        cost: (n, K) of candidates, frame after frame, and tracks.
-        bounds: (frames + 1,) first candidate of each frame, then n.
-        wanted: (frames, K) tracks that have no row in a frame yet.
-        gate: pairs that cost more are not made.
+        cost: (n, K) squared normalised bearing differences between candidates, frame after frame, and tracks.
+        bounds: (frames + 1,) index of the first candidate of each frame, then n.
+        wanted: (frames, K) mask of tracks that exist and have no labelled row in a frame.
+        gate: largest cost of a pair.
     """
     rows, columns = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     for n in np.flatnonzero(wanted.any(axis=1) & (np.diff(bounds) > 0)).tolist():
@@ -188,13 +198,13 @@ def _assigned(cost: Floats, bounds: Ints, wanted: Bools, gate: float) -> tuple[I
 
 
 def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Bools:
-    """(frames, K) mask of frames that already have a labelled row of a track.
+    """(frames, K) mask of the frames that already have a labelled row of each track.
 
     Args:
         table: n bearings.
         frame: (n,) frame of each row, 0 to `frames` - 1.
         frames: number of frames.
-        target: (K,) rising identities of the tracks.
+        target: (K,) sorted identities of the tracks.
     """
     labelled = np.zeros((frames, len(target)), dtype=np.bool_)
     rows = np.flatnonzero(np.isin(table.target_id, target))
@@ -203,17 +213,17 @@ def _labels_of(table: Bearings, frame: Ints, frames: int, target: Ints32) -> Boo
 
 
 def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, positions: Floats) -> Floats:
-    """(n, K) squared normalised differences between bearings and those of the tracks.
+    """(n, K) squared bearing differences between candidates and tracks, divided by their variances.
 
-    The variance includes the track's position across the line of sight, over the squared distance. The result is
-    infinite for an absent track.
+    The variance is that of the bearing and of the track across the line of sight, limited to `ANY_DIRECTION`.
+    Infinite for an absent track.
 
     Args:
         table: bearings.
-        rows: (n,) those to compare.
-        frame: (n,) the frame of each.
+        rows: (n,) rows of the candidates in it.
+        frame: (n,) frame of each candidate.
         states: tracks at the times of the frames.
-        positions: (frames, 2) sensors of the frames.
+        positions: (frames, 2) ground positions of the sensors of the frames.
     """
     x, y, cov_xx, cov_xy, cov_yy = np.moveaxis(states.values, 2, 0)
     dx, dy = x - positions[:, :1], y - positions[:, 1:]
@@ -227,7 +237,7 @@ def _apart2(table: Bearings, rows: Ints, frame: Ints, states: _States, positions
 
 
 def missed_detections(rows: Bearings, target: Ints32) -> Bearings:
-    """Rows without detection for the targets (n,), at the same times and sensors as `rows`."""
+    """Rows without detection of the targets (n,), at the times and sensors of the n rows `rows`."""
     nothing = np.full(len(rows), np.nan)
     return Bearings(
         t_ns=rows.t_ns,

@@ -33,7 +33,10 @@ FAR2 = 40.0  # squared Mahalanobis distance from which a density counts as 0
 
 
 class Mixture(NamedTuple):
-    """State of EM: means, covariances and weights of the clusters."""
+    """State of EM for K Gaussian clusters: means (K, 2) [px], covariances xx, xy, yy (K, 3) [px^2] and weights.
+
+    `mass` (K + 1,) is the number of pixels of each cluster, then of the uniform term for noise pixels.
+    """
 
     means: Floats  # (K, 2) [px]
     covs: Floats  # (K, 3) [px^2]
@@ -41,7 +44,11 @@ class Mixture(NamedTuple):
 
 
 class EmStatistics(NamedTuple):
-    """Sums over the cells, weighted by responsibility: sufficient statistics for the M-step."""
+    """Sufficient statistics for the M-step of K clusters: pixels weighted by responsibility.
+
+    `mass` (K + 1,) is the number of pixels of each cluster, then of the uniform noise term; `means` (K, 2) [px];
+    `scatter` (K, 3) the sums xx, xy, yy of products about the means [px^2].
+    """
 
     mass: Floats  # (K + 1,)
     means: Floats  # (K, 2)
@@ -50,11 +57,11 @@ class EmStatistics(NamedTuple):
 
 @kernel
 def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
-    """Second term of J: logarithm of the inverse-Wishart kernels relative to their modes, summed over K clusters.
+    """Log inverse-Wishart prior of the covariances of K clusters relative to its mode, summed: the second term of J.
 
     Args:
-        covs: (K, 3) covariances Sigma_k of the clusters.
-        prior_covs: (K, 3) S_k, those of people at their positions.
+        covs: (K, 3) xx, xy, yy of the covariances Sigma_k [px^2].
+        prior_covs: (K, 3) S_k, those of people at the positions of the clusters [px^2].
         prior_mass: (K,) nu_k, pixels that the prior counts for.
     """
     total = 0.0
@@ -68,7 +75,11 @@ def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
 
 
 class _Shape(NamedTuple):
-    """Parameters of the densities of K clusters, precomputed."""
+    """Precomputed parameters of the weighted densities of K clusters.
+
+    `inverse` (K, 3): inverse covariances xx, xy, yy [1/px^2]; `log_scale` (K,): log of mixing weight / (2 pi
+    sqrt(det)); `speck`: weighted uniform density of noise pixels [1/px^2].
+    """
 
     inverse: Floats  # (K, 3) of the covariances
     log_scale: Floats  # (K,) logarithm of share / (2 pi sqrt(det))
@@ -91,13 +102,15 @@ def _shape(mixture: Mixture, area: float) -> _Shape:
 
 @kernel
 def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape) -> float:
-    """Write the weighted densities (K,) of the clusters at a cell to `density`; return their sum with the uniform term.
+    """Write the weighted densities of K clusters at a cell to `density` (K,); return their sum with the uniform term.
+
+    Cluster densities are geometric means over the cell's pixels, and 0 from the squared Mahalanobis distance `FAR2` on.
 
     Args:
-        density: (K,) filled.
-        cell: (6,) row of the cell table.
+        density: (K,) filled in place.
+        cell: (6,) pixels, mean x, y [px] and scatter xx, xy, yy [px^2] of the cell.
         means: (K, 2) of the clusters [px].
-        shape: their inverse covariances and scales.
+        shape: inverse covariances, scales, and uniform density.
     """
     n, x, y, cxx, cxy, cyy = cell
     total = shape.speck
@@ -113,16 +126,13 @@ def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape)
 
 @kernel
 def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[float, EmStatistics]:
-    """Log-likelihood of the pixels and the statistics of their responsibilities.
+    """E-step: log-likelihood of the foreground pixels, and the sufficient statistics of their responsibilities.
 
     Args:
-        cells: (N, 6) cell table.
-        mixture: current state; clusters without mass get nothing.
-        area: of the image [px^2].
-        labels: (N,) written: most responsible cluster of each cell, -1 for specks.
-
-    Returns:
-        First term of J at the current state, and the statistics.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        mixture: current state; clusters without mass get no pixels.
+        area: area of the image [px^2], for the uniform noise term.
+        labels: (N,) filled in place: most responsible cluster of each cell, -1 for noise.
     """
     means = mixture.means
     n_clusters = means.shape[0]
@@ -159,14 +169,14 @@ def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[
 
 @kernel
 def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
-    """(K, K) assignment entropy between two clusters, summed over their pixels.
+    """(K, K) symmetric assignment entropies [nats] between pairs of K clusters, summed over their pixels.
 
-    It is the loss of J, in addition to the fit, when the two are merged.
+    When two are merged, the classification log-likelihood loses this in addition to the worse fit.
 
     Args:
-        cells: (N, 6) cell table.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
         mixture: the K clusters.
-        area: of the image [px^2], for the uniform term.
+        area: area of the image [px^2], for the uniform noise term.
     """
     n_clusters = mixture.means.shape[0]
     shape = _shape(mixture, area)
@@ -207,11 +217,11 @@ def _statistics(sums: Floats, origins: Floats, speck_mass: float) -> EmStatistic
 
 @kernel
 def m_step(statistics: EmStatistics, prior_covs: Floats, prior_mass: Floats) -> Mixture:
-    """M-step: return the mixture with Sigma_k = (nu_k S_k + C_k) / (nu_k + n_k) for given responsibilities.
+    """M-step: maximum a posteriori mixture of K clusters, Sigma_k = (nu_k S_k + C_k) / (nu_k + n_k).
 
     Args:
-        statistics: sums over the cells, weighted by responsibility; C_k is the scatter, n_k the mass.
-        prior_covs: (K, 3) S_k, covariances of people.
+        statistics: sums over the pixels weighted by responsibility; C_k is the scatter, n_k the mass.
+        prior_covs: (K, 3) S_k, xx, xy, yy of people's covariances [px^2].
         prior_mass: (K,) nu_k, pixels that the prior counts for.
     """
     covs = np.empty_like(prior_covs)
@@ -232,17 +242,19 @@ def run_em(
     max_steps: int,
     tolerance: float,
 ) -> tuple[Mixture, EmStatistics, float]:
-    """Run EM until J rises by less than `tolerance` per pixel, or `max_steps`.
+    """Run EM until the log posterior J rises by less than `tolerance` per pixel, or for `max_steps` steps.
+
+    J is the log-likelihood of the foreground pixels plus the log prior of the clusters' covariances.
 
     Args:
-        cells: (N, 6) cell table.
-        mixture: start.
-        prior_covs: (K, 3) covariances of people.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        mixture: initial state with K clusters.
+        prior_covs: (K, 3) xx, xy, yy of people's covariances [px^2].
         prior_mass: (K,) pixels that the prior counts for.
-        area: of the image [px^2], for the uniform term.
-        labels: (N,) filled, as by `e_step`.
-        max_steps: at least 0.
-        tolerance: of J per pixel.
+        area: area of the image [px^2], for the uniform noise term.
+        labels: (N,) filled in place: most responsible cluster of each cell, -1 for noise.
+        max_steps: limit, at least 0.
+        tolerance: rise of J per pixel.
 
     Returns:
         The state, the statistics of its responsibilities, and J.
@@ -268,7 +280,10 @@ NEIGHBOUR2 = 16.0  # squared Mahalanobis distance up to which two clusters may b
 
 @kernel
 def union(a: Floats, b: Floats) -> Floats:
-    """Return the union (6,) of two groups a and b, (6,): pixels, mean x, y, and scatter xx, xy, yy."""
+    """Return the union (6,) of two groups of pixels a and b (6,): number, mean x, y [px], scatter xx, xy, yy [px^2].
+
+    At least one of them has pixels.
+    """
     n = a[0] + b[0]
     share = b[0] / n
     dx, dy = b[1] - a[1], b[2] - a[2]
@@ -283,7 +298,10 @@ def union(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def groups_of(statistics: EmStatistics) -> Floats:
-    """Return the (K, 6) groups (weight, moments) of the clusters' statistics."""
+    """Return the (K, 6) rows of the clusters' statistics: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+
+    The uniform noise term is left out.
+    """
     out = np.empty((statistics.means.shape[0], 6))
     out[:, 0] = statistics.mass[:-1]
     out[:, 1:3] = statistics.means
@@ -299,16 +317,16 @@ def group_worth(g: Floats, prior: Prior) -> float:
 
 @kernel
 def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats:
-    """Merge pairs of groups (K, 6), best first, as long as the objective rises.
+    """Merge pairs of clusters, the best first, as long as the penalised objective rises; return the (M, 6) remaining.
 
-    The union must exceed both groups and the entropy between them, since pixels between two clusters are explained by
-    both together.
+    A union must gain more than the entropy between both, since pixels between two clusters are explained by both
+    together. The given arrays are not changed.
 
     Args:
-        groups: pixels, means and scatter of the clusters, by responsibilities.
-        covs: (K, 3) their covariances in the mixture; only near pairs are tried.
-        entropy: (K, K) from `occlog.measure.clusters.em.shared_entropy`.
-        prior: of the camera.
+        groups: (K, 6) pixels, mean x, y [px] and scatter xx, xy, yy [px^2] of the clusters, by responsibilities.
+        covs: (K, 3) covariances of the clusters [px^2]; only pairs within `NEIGHBOUR2` are tried.
+        entropy: (K, K) assignment entropies of pairs, by `shared_entropy`.
+        prior: sizes of people in the camera's image.
     """
     groups, entropy = groups.copy(), entropy.copy()
     worths = np.array([group_worth(groups[k], prior) for k in range(groups.shape[0])])
@@ -341,15 +359,15 @@ def _near(a: Floats, b: Floats, cov_a: Floats, cov_b: Floats) -> bool:
 
 @kernel
 def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
-    """Split groups (K, 6) if the halves have a higher objective than the whole.
+    """Split each cluster in two if the halves have a higher penalised objective; return (K to 2 K, 6) rows.
 
-    The cut is a line along the axis of a person, at the best position.
+    The cut is a straight line along the axis of a person, at the best position. An unsplit cluster keeps its row.
 
     Args:
-        cells: (N, 6) cell table.
-        labels: (N,) group of each cell, -1 = none.
-        groups: from the labels or from responsibilities: one that is not cut stays as it is.
-        prior: of the camera.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        labels: (N,) cluster of each cell; -1: none.
+        groups: (K, 6) pixels, mean and scatter of the clusters, in the columns of `cells`.
+        prior: sizes of people in the camera's image.
     """
     out = np.empty((2 * groups.shape[0], 6))
     n_out = 0
@@ -367,12 +385,12 @@ def split(cells: Floats, labels: Ints, groups: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _halves(cells: Floats, at: int, prior: Prior) -> Floats:
-    """(2, 6) best halves of cells cut along a person's axis; (0, 6) if the whole is better.
+    """(2, 6) best halves of a cluster's cells, cut along a person's axis; (0, 6) if the whole has a higher objective.
 
     Args:
-        cells: (N, 6) cell table.
-        at: cell of the size map that the person is in.
-        prior: sizes of people.
+        cells: (N, 6) cells of the cluster: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        at: index of the size map's cell at the cluster's mean.
+        prior: sizes of people in the camera's image.
     """
     # Direction across a person: the minor axis of its covariance.
     xx, xy, yy = prior.cov[at]

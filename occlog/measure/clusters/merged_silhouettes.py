@@ -74,20 +74,23 @@ OUTLINE = _outline()
 
 @kernel
 def expected_height(prior: Prior, x: float, y: float, side: int) -> float:
-    """Height [cells] of a person with the middle at the cell (x, y); `side` is that of a cell [px]."""
+    """Height [cells] of a person with the centre at column x and row y of the grid; `side` is that of a cell [px].
+
+    By the size map `prior` of the camera.
+    """
     return math.sqrt(12.0 * prior.cov[grid_cell(prior, (x + 0.5) * side - 0.5, (y + 0.5) * side - 0.5), 2]) / side
 
 
 @kernel
 def _window(x: float, y: float, height: float, rows: int, columns: int) -> tuple[int, int, int, int]:
-    """First row, row after the last, first column and column after the last that a person may cover.
+    """Range of cells that a person may cover: first row, row after the last, first column, column after the last.
 
     Args:
-        x: column of the person's centre.
-        y: row of the centre.
-        height: of the person [cells].
+        x: column of the person's centre [cells].
+        y: row of the centre [cells].
+        height: height of the person [cells].
         rows: number of rows of the grid.
-        columns: number of its columns.
+        columns: number of columns of the grid.
     """
     top, bottom = max(math.ceil(y - 0.5 * height), 0), min(math.floor(y + 0.5 * height), rows - 1)
     half = 0.5 * SPAN * height
@@ -97,9 +100,10 @@ def _window(x: float, y: float, height: float, rows: int, columns: int) -> tuple
 
 @kernel
 def not_covered(x: float, y: float, height: float, column: int, row: int) -> float:
-    """Log probability that a person with centre (x, y) and a height [cells] does not cover a cell of their window.
+    """Log probability that a person with centre (x, y) and a height, all in cells, does not cover a cell.
 
-    `column` and `row` are those of the cell.
+    `column` and `row` are those of the cell, which must be within half a height of the centre, and in the person's
+    width.
     """
     down = min(max(int(((row - y) / height + 0.5) * ROWS), 0), ROWS - 1)
     across = min(max(int(((column - x) / (SPAN * height) + 0.5) * COLUMNS), 0), COLUMNS - 1)
@@ -108,9 +112,9 @@ def not_covered(x: float, y: float, height: float, column: int, row: int) -> flo
 
 @kernel
 def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
-    """Add (sign 1) or remove (-1), in place, a person with centre (x, y) and a height [cells].
+    """Add (sign 1) or remove (sign -1) a person with centre (x, y) and a height, all in cells, in place.
 
-    `free` (rows, columns) has log probabilities that no person covers a cell.
+    `free` (rows, columns) has the log probability of each cell that no person covers it.
     """
     top, bottom, left, right = _window(x, y, height, *free.shape)
     for row in range(top, bottom):
@@ -120,14 +124,14 @@ def _put(free: Floats, x: float, y: float, height: float, sign: float) -> None:
 
 @kernel
 def gain(foreground: Floats, free: Floats, x: float, y: float, height: float) -> float:
-    """Gain in log-likelihood from one more person.
+    """Gain in log-likelihood of a silhouette from one more person.
 
     Args:
-        foreground: (rows, columns) shares of the cells.
-        free: (rows, columns) logs of the probability that none of the others covers a cell.
-        x: middle of the person, as y.
-        y: see x.
-        height: of the person.
+        foreground: (rows, columns) share of each cell that is foreground, 0 to 1.
+        free: (rows, columns) log probability of each cell that none of the other people covers it.
+        x: column of the person's centre [cells].
+        y: row of the person's centre [cells].
+        height: height of the person [cells].
     """
     top, bottom, left, right = _window(x, y, height, *free.shape)
     total = 0.0
@@ -146,7 +150,7 @@ def gain(foreground: Floats, free: Floats, x: float, y: float, height: float) ->
 
 @kernel
 def _size_cost(height: float, size: float) -> float:
-    """Cost of a person with `size` times the expected height."""
+    """Cost in log-likelihood of a person with a height [cells] that is `size` times the expected one."""
     return SIZE_COST * AREA * height * height * math.log(size) ** 2
 
 
@@ -154,12 +158,16 @@ def _size_cost(height: float, size: float) -> float:
 def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: int) -> Floats:
     """Fit people (K, 3: centre x, y and height [cells]) to a silhouette; empty if none fits.
 
+    People are added greedily, all positions and sizes refined in turn, up to `MAX_PEOPLE`. Centres are relative to the
+    given foreground.
+
     Args:
-        foreground: (rows, columns) shares of cells of one silhouette and its surroundings.
-        prior: of the camera.
-        side: of the cells [px].
-        left: cells of the image left of the foreground.
-        top: cells of the image above the foreground.
+        foreground: (rows, columns) share of each cell that is foreground, 0 to 1, in a part of the image around one
+            silhouette.
+        prior: size map of people for the camera.
+        side: side of a cell [px].
+        left: number of cells of the image left of this part.
+        top: number of cells of the image above this part.
     """
     rows, columns = foreground.shape
     free = np.zeros((rows, columns))
@@ -195,16 +203,16 @@ def fit_outlines(foreground: Floats, prior: Prior, side: int, left: int, top: in
 
 @kernel
 def _improve(foreground: Floats, free: Floats, people: Floats, prior: Prior, side: int, left: int, top: int) -> float:
-    """Refine positions and sizes of all people in turn, in decreasing steps, in place; return the total gain.
+    """Refine positions and sizes of all people in turn, in decreasing steps, in place; return the log-likelihood gain.
 
     Args:
-        foreground: (rows, columns) share of each cell that is foreground.
-        free: (rows, columns) log probabilities that no person covers a cell, updated.
-        people: (K, 4) x, y, height [cells], and height over the expected one, updated.
-        prior: of the camera.
-        side: of the cells [px].
-        left: cells of the image left of the foreground.
-        top: cells of the image above the foreground.
+        foreground: (rows, columns) share of each cell that is foreground, 0 to 1.
+        free: (rows, columns) log probabilities that no person covers a cell, updated in place.
+        people: (K, 4) centre x, y, height [cells], and height over the expected one, updated in place.
+        prior: size map of people for the camera.
+        side: side of a cell [px].
+        left: number of cells of the image left of the foreground.
+        top: number of cells of the image above the foreground.
     """
     step, risen = max(1.0, people[-1, 2] / FINE), 0.0
     for _ in range(ROUNDS):
@@ -271,12 +279,16 @@ class SeparateSightings:
 
     @property
     def several(self) -> bool:
-        """Whether this camera has detected several people."""
+        """Whether `APART_FRAMES` frames or more showed several separate people."""
         return self.frames >= APART_FRAMES
 
 
 class Crowds(NamedTuple):
-    """Clusters of one frame, with merged silhouettes replaced by people; sorted by decreasing mass."""
+    """K clusters of one frame by decreasing mass, where people in merged silhouettes replace the clusters in them.
+
+    `boxes` (K, 4) are left, top, width, height [px] of those people; NaN for clusters, which have the box of their
+    pixels.
+    """
 
     clusters: Clusters
     boxes: Floats  # (K, 4) left, top, width, height [px] of people in crowds; NaN: given by their pixels
@@ -285,15 +297,18 @@ class Crowds(NamedTuple):
 def split_silhouettes(
     cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, separate: SeparateSightings
 ) -> Crowds:
-    """Replace clusters by people in silhouettes larger than one person, once several people have been detected.
+    """Replace clusters by people in silhouettes that are larger than one person.
+
+    Only after several people have been detected apart in `APART_FRAMES` frames, and only where at least two people
+    and no fewer than the clusters are found.
 
     Args:
-        cells: (N, 6) cell table.
-        corners: (N, 2) its cells' corners.
-        side: of the cells [px].
-        prior: of the camera.
-        clusters: of the frame.
-        separate: of the camera; updated.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        corners: (N, 2) left and upper pixel of each cell.
+        side: side of a cell [px].
+        prior: size map of people for the camera.
+        clusters: clusters of the frame, with the labels of the cells.
+        separate: count of frames of the camera with separate people, updated in place.
     """
     column, row = (corners // side).T
     grid = np.zeros((-(-prior.height // side), -(-prior.width // side)))
@@ -334,9 +349,10 @@ def split_silhouettes(
 
 
 def _may_be_several(box: Ints32, height: float, clusters: int) -> bool:
-    """Whether a silhouette with box (left, top, width, height, cells) may hold several people.
+    """Whether a silhouette may hold several people: several clusters, or larger than the box of one person.
 
-    `height` is that of a person there [cells], `clusters` the number of clusters in the silhouette.
+    `box` is left, top, width, height and number of its cells, `height` that of a person there [cells], `clusters` the
+    number of clusters in the silhouette.
     """
     if box[4] < MIN_SHARE * height**2:
         return False
@@ -344,15 +360,15 @@ def _may_be_several(box: Ints32, height: float, clusters: int) -> bool:
 
 
 def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prior: Prior, side: int) -> Floats:
-    """(K, 3) centres x, y and heights [cells] of the people in a silhouette.
+    """(K, 3) centres x, y in the image and heights, in cells, of the people fitted to a silhouette.
 
     Args:
-        grid: (rows, columns) share of each cell that is foreground.
-        silhouette: (rows, columns) mask.
+        grid: (rows, columns) share of each cell of the image that is foreground, 0 to 1.
+        silhouette: (rows, columns) mask of its cells.
         box: left, top, width and height of the silhouette [cells].
-        height: of a person there [cells].
-        prior: of the camera.
-        side: of the cells [px].
+        height: height of a person there [cells].
+        prior: size map of people for the camera.
+        side: side of a cell [px].
     """
     around = int(AROUND * height)
     left, top = max(int(box[0]) - around, 0), max(int(box[1]) - around, 0)
@@ -363,9 +379,10 @@ def _people_in(grid: Floats, silhouette: Bools, box: Ints32, height: float, prio
 
 @kernel
 def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
-    """(n,) number of the person who most probably covers each cell, counted from `first`; -1 if none.
+    """(n,) index of the person who most probably covers each of n cells, counted from `first`; -1: none.
 
-    `column` (n,) and `row` (n,) are those of the cells, `people` (K, 3) are x, y and height [cells].
+    `column` (n,) and `row` (n,) are those of the cells, `people` (K, 3) are centre x, y and height [cells]. A
+    person covers a cell with a probability of at least `MIN_OWN`.
     """
     out = np.full(column.shape[0], -1)
     for i in range(column.shape[0]):
@@ -382,16 +399,18 @@ def _owners(column: Ints, row: Ints, people: Floats, first: int) -> Ints:
 def _together(
     cells: Floats, labels: Ints, clusters: Clusters, gone: Bools, people: Floats, side: int, prior: Prior
 ) -> Crowds:
-    """Combine the remaining clusters and the people, sorted by decreasing mass.
+    """Combine the remaining clusters of a frame and the fitted people, sorted by decreasing mass.
+
+    People without cells are dropped.
 
     Args:
-        cells: (N, 6) cell table.
-        labels: (N,) cluster of each cell, people counted after the clusters; -1: none.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        labels: (N,) cluster of each cell; people are numbered after the K clusters; -1: none.
         clusters: K clusters.
-        gone: (K,) clusters that the people replace.
-        people: (P, 3) x, y and height [cells].
-        side: of a cell [px].
-        prior: sizes of people.
+        gone: (K,) mask of clusters that the people replace.
+        people: (P, 3) centre x, y and height [cells].
+        side: side of a cell [px].
+        prior: size map of people for the camera.
     """
     K, n = len(clusters.mass), len(clusters.mass) + len(people)
     means = np.concatenate([clusters.means, (people[:, :2] + 0.5) * side - 0.5])
@@ -415,7 +434,10 @@ def _together(
 
 
 def _moments(cells: Floats) -> tuple[float, Floats]:
-    """Number of pixels of cells, and their covariance xx, xy, yy [px^2]."""
+    """Number of pixels of cells (n, 6), and the covariance xx, xy, yy [px^2] of the pixels; zeros without pixels.
+
+    Columns: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+    """
     n = cells[:, 0]
     total = float(n.sum())
     if total <= 0.0:

@@ -30,16 +30,21 @@ SIZE_STEPS = 3  # of the fixed point for the size of a person
 
 @dataclass(frozen=True, eq=False)
 class SizeMap:
-    """Expected size of a person centred at each position of an image.
+    """Expected size in the image of a person centred in each of n cells of a regular grid over the image, row by row.
 
-    Rows of the arrays are cells of a regular grid, row by row.
+    Attributes:
+        image_size: width and height of the image [px].
+        shape: rows and columns of the grid; n is their product.
+        cov: (n, 3) covariance xx, xy, yy of the person's pixels [px^2].
+        mass: (n,) number of foreground pixels of a person in full view.
+        spread: (n,) standard deviation of the logarithm of the size.
     """
 
-    image_size: tuple[int, int]  # width, height [px]
-    shape: tuple[int, int]  # rows, columns of the grid
-    cov: Floats  # (cells, 3) xx, xy, yy of the pixels of a person [px^2]
-    mass: Floats  # (cells,) foreground pixels of a person in full view
-    spread: Floats  # (cells,) standard deviation of the logarithm of the size
+    image_size: tuple[int, int]
+    shape: tuple[int, int]
+    cov: Floats
+    mass: Floats
+    spread: Floats
 
     @property
     def width_px(self) -> float:
@@ -61,11 +66,11 @@ def cell_centres(image_size: tuple[int, int]) -> tuple[tuple[int, int], Floats]:
 
 
 def sizes_from_heights(image_size: tuple[int, int], heights_px: Floats, spread: float) -> SizeMap:
-    """Size map of upright people.
+    """Size map of upright people from their heights in the image.
 
     Args:
-        image_size: width and height [px].
-        heights_px: (cells,) height of a person centred there, > 0, in the order of `cell_centres`.
+        image_size: width and height of the image [px].
+        heights_px: (cells,) height of a person centred in each grid cell [px], > 0, in the order of `cell_centres`.
         spread: standard deviation of the logarithm of the height.
     """
     shape, centres = cell_centres(image_size)
@@ -89,19 +94,18 @@ def constant_sizes(image_size: tuple[int, int], height_px: float) -> SizeMap:
 def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float, reach: float) -> SizeMap:
     """Compute the size map from a camera's pose.
 
-    Along the azimuth of each position people are placed at many distances; each counts
-    by how near its centre comes to the position, so that a camera that points down gets
-    one size for each position, and one at half a person's height, or of unknown height
-    (z = 0), the middle of the possible sizes and their spread.
+    For each grid cell people are placed at many distances along its azimuth and weighted by how near their centre
+    comes to the cell in the image. A camera that points down gives one size per cell; one level with people's
+    middle, or of unknown height (z = 0), the mean of the possible sizes and their spread.
 
     Args:
-        camera: placed camera.
-        image_size: width and height [px].
-        height: of a person, in the scene's unit.
+        camera: camera with a pose.
+        image_size: width and height of the image [px].
+        height: height of a person, in the scene's unit.
         reach: distance of the farthest person, in the scene's unit.
 
     Raises:
-        ValueError: less than half of the image shows where a person can stand.
+        ValueError: less than half of the image shows positions where a person can stand.
     """
     shape, centres = cell_centres(image_size)
     near, far = NEAR * height, max(min(reach, camera.range, FAR * height), 2.0 * NEAR * height)
@@ -123,9 +127,10 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
 
 
 def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
-    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at positions `spots` (N, 2); NaN behind the camera.
+    """Image centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at ground positions `spots` (N, 2).
 
-    The vectors are the whole height, width and depth in the image; `height` is that of a person, in scene units.
+    The vectors are the projections of whole height, width and depth of a person turned towards the camera. NaN
+    behind the camera. `height` is that of a person, in scene units.
     """
     # Of a camera of unknown height: level with the middle of the body
     foot = 0.0 if camera.above_floor else float(camera.position[2]) - height / 2
@@ -141,13 +146,16 @@ def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Float
 
 
 def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Floats, spans: Floats) -> SizeMap:
-    """Size map from people at several distances in each cell: geometric mean size, mean shape, weighted.
+    """Size map by weighting people at several distances in each cell: geometric mean size, and mean shape.
+
+    Cells in which no person can stand take the sizes of the nearest one in which a person can; ValueError if they are
+    most.
 
     Args:
-        image_size: width and height [px].
+        image_size: width and height of the image [px].
         shape: rows and columns of the map.
-        weights: (distances, cells).
-        spans: (distances cells, 3, 2) spanning vectors of people [px].
+        weights: (distances, cells) weights, summing to 1 or 0 in a cell.
+        spans: (distances * cells, 3, 2) vectors of height, width and depth of people in the image [px].
     """
     cov = np.einsum("nki,nkj->nij", spans, spans).reshape(*weights.shape, 2, 2) / 12.0
     det = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
@@ -171,9 +179,10 @@ def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Fl
 
 
 def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
-    """(cells,) index of the nearest cell where a person can stand; ValueError if these are less than half of all.
+    """(cells,) index of the nearest grid cell in which a person can stand; itself where one can.
 
-    `standing` (cells,) is the mask of these cells, `image_size` width and height [px].
+    `standing` (cells,) is the mask of these cells, `image_size` width and height [px]. ValueError if they are less than
+    half of all.
     """
     like = np.arange(len(standing))
     if 2 * np.count_nonzero(standing) < len(standing):
@@ -186,28 +195,39 @@ def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
 
 
 class Prior(NamedTuple):
-    """Size map of people for one camera, and its weight as a prior."""
+    """Size map of people for the images of one camera, with the weights of the clustering, for compiled functions.
 
-    cov: Floats  # (grid cells, 3) covariance xx, xy, yy of a person's pixels [px^2]
-    mass: Floats  # (grid cells,) foreground pixels of a person in full view
-    log_range: Floats  # (grid cells,) largest logarithm of a size relative to the map
+    Attributes:
+        cov: (n, 3) for each of n grid cells: covariance xx, xy, yy of a person's pixels [px^2].
+        mass: (n,) foreground pixels of a person in full view.
+        log_range: (n,) largest absolute logarithm of a size relative to the map.
+        rows, columns: size of the grid; its cells are in row order.
+        width, height: size of the image [px].
+        strength: weight of the expected size against the pixels, in units of a person's pixels.
+        penalty: cost of a cluster in the log posterior, in units of a person's pixels.
+        least: smallest cluster that is kept, in units of a person's pixels.
+    """
+
+    cov: Floats
+    mass: Floats
+    log_range: Floats
     rows: int
     columns: int
-    width: int  # of the image [px]
+    width: int
     height: int
-    strength: float  # nu_k in persons' pixels
-    penalty: float  # cost of a cluster in J, in persons' pixels
-    least: float  # smallest cluster that is kept, in persons' pixels
+    strength: float
+    penalty: float
+    least: float
 
 
 def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) -> Prior:
-    """Create the prior for the images of one camera.
+    """Prior of the clustering for the images of one camera.
 
     Args:
-        sizes: of people.
-        strength: weight nu_k of the sizes, in persons' pixels.
-        penalty: cost of a cluster in J, in persons' pixels.
-        least: smallest cluster that is kept, in persons' pixels.
+        sizes: size map of people.
+        strength: weight of the expected size against the pixels, in units of a person's pixels.
+        penalty: cost of a cluster in the log posterior, in units of a person's pixels.
+        least: smallest cluster that is kept, in units of a person's pixels.
     """
     width, height = sizes.image_size
     rows, columns = sizes.shape
@@ -227,7 +247,7 @@ def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) ->
 
 @kernel
 def grid_cell(prior: Prior, x: float, y: float) -> int:
-    """Index of the size map's cell at a pixel (x, y); the nearest cell outside the image."""
+    """Index of the size map's cell that contains the pixel (x, y); outside the image the nearest cell."""
     column = min(max(int((x + 0.5) * prior.columns / prior.width), 0), prior.columns - 1)
     row = min(max(int((y + 0.5) * prior.rows / prior.height), 0), prior.rows - 1)
     return row * prior.columns + column
@@ -235,15 +255,15 @@ def grid_cell(prior: Prior, x: float, y: float) -> int:
 
 @kernel
 def person_at(means: Floats, log_sizes: Floats, prior: Prior) -> tuple[Floats, Floats]:
-    """Covariances and numbers of pixels of people in an image, by the size map, with their sizes scaled.
+    """Covariances and numbers of pixels of people at image positions by the size map, with their sizes scaled.
 
     Args:
-        means: (K, 2) centres [px].
-        log_sizes: (K,) logarithms of the factors of height and width.
+        means: (K, 2) centres of people [px].
+        log_sizes: (K,) natural logarithms of the factors by which height and width differ from the map.
         prior: size map of the camera.
 
     Returns:
-        (K, 3) covariances xx, xy, yy [px^2], and (K,) pixels.
+        (K, 3) covariances xx, xy, yy [px^2], and (K,) numbers of pixels.
     """
     covs, mass = np.empty((means.shape[0], 3)), np.empty(means.shape[0])
     for k in range(means.shape[0]):
@@ -256,18 +276,18 @@ def person_at(means: Floats, log_sizes: Floats, prior: Prior) -> tuple[Floats, F
 
 @kernel
 def best_size(n: float, cxx: float, cxy: float, cyy: float, at: int, prior: Prior) -> float:
-    """Log size, relative to the map, that maximises the objective of a cluster, within the map's range.
+    """Log of a person's size relative to the map that maximises the objective of a cluster, within the map's range.
 
     The size s and the covariance Sigma = (nu s^2 S + C) / (nu + n) are optimised in turn; for given Sigma, s^2 = 2 /
     tr(Sigma^-1 S).
 
     Args:
         n: pixels of the cluster.
-        cxx: their scatter, as cxy and cyy [px^2].
-        cxy: see cxx.
-        cyy: see cxx.
-        at: grid cell of the map.
-        prior: of the camera.
+        cxx: xx of its scatter [px^2].
+        cxy: xy of its scatter.
+        cyy: yy of its scatter.
+        at: index of the size map's cell at the cluster.
+        prior: size map of the camera.
     """
     sxx, sxy, syy = prior.cov[at]
     limit = prior.log_range[at]
@@ -283,20 +303,20 @@ def best_size(n: float, cxx: float, cxy: float, cyy: float, at: int, prior: Prio
 
 @kernel
 def worth(n: float, x: float, y: float, cxx: float, cxy: float, cyy: float, prior: Prior) -> float:
-    """Contribution of a cluster to the penalised objective, if its pixels belong to it alone.
+    """Contribution of a cluster to the penalised objective J, if its pixels belong to it alone.
 
     With Sigma at its maximum, sum_i log N - 1/2 nu (tr(Sigma^-1 S) - log det(Sigma^-1 S)) is -1/2 (n + nu) log det
-    Sigma + 1/2 nu log det S up to terms that are equal before and after a merge or split; its mixing weight adds n log
-    n.
+    Sigma + 1/2 nu log det S up to terms that are equal before and after a merge or split; its mixing weight adds n
+    log n, and the cluster costs `penalty` times a person's pixels.
 
     Args:
         n: pixels, > 0.
-        x: their mean, as y [px].
-        y: see x.
-        cxx: their scatter, as cxy and cyy [px^2].
-        cxy: see cxx.
-        cyy: see cxx.
-        prior: of the camera.
+        x: x of their mean [px].
+        y: y of their mean [px].
+        cxx: xx of their scatter [px^2].
+        cxy: xy of their scatter.
+        cyy: yy of their scatter.
+        prior: size map of the camera, with the weights of the objective.
     """
     at = grid_cell(prior, x, y)
     area = math.exp(2.0 * best_size(n, cxx, cxy, cyy, at, prior))

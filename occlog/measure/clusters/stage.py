@@ -32,14 +32,23 @@ SEED_REACH2 = 4.0  # squared Mahalanobis distance of the pixels that a seed take
 
 
 class Clusters(NamedTuple):
-    """Clusters of one frame, sorted by decreasing mass."""
+    """K clusters of the foreground pixels of one frame, which are in N cells, by decreasing number of pixels.
 
-    means: Floats  # (K, 2) [px]
-    covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
-    mass: Floats  # (K,) pixels
-    fill: Floats  # (K,) mass relative to a person in full view at this position
-    person: Floats  # (K, 3) covariance of a person's pixels at this position [px^2]
-    labels: Ints  # (N,) cluster of each cell, -1 = none
+    Attributes:
+        means: (K, 2) mean x, y [px].
+        covs: (K, 3) covariance xx, xy, yy of the pixels [px^2].
+        mass: (K,) number of pixels.
+        fill: (K,) number of pixels relative to a person in full view at this position.
+        person: (K, 3) covariance of a person's pixels at this position [px^2].
+        labels: (N,) cluster of each cell; -1: none.
+    """
+
+    means: Floats
+    covs: Floats
+    mass: Floats
+    fill: Floats
+    person: Floats
+    labels: Ints
 
 
 def cell_side(sizes: SizeMap) -> int:
@@ -49,16 +58,16 @@ def cell_side(sizes: SizeMap) -> int:
 
 @kernel
 def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clusters:
-    """Find the person-sized clusters of a frame.
+    """Find the person-sized clusters of a frame's foreground: EM, then merging, splitting and dropping while J rises.
 
     Args:
-        cells: (N, 6) cell table.
-        corners: (N, 2) its cells' corners.
-        side: of the cells [px].
-        prior: of the camera.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        corners: (N, 2) left and upper pixel of each cell.
+        side: side of a cell [px].
+        prior: size map of people for the camera.
 
     Returns:
-        Clusters by falling mass; none where nothing is large enough.
+        Clusters by decreasing mass; none where no cluster is large enough.
     """
     # Seed: one group at each position with much foreground
     labels = np.full(cells.shape[0], -1, dtype=np.int64)
@@ -87,7 +96,7 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
 
 
 class _Fit(NamedTuple):
-    """Result of an EM run: mixture, statistics and objective."""
+    """Result of an EM run: mixture, sufficient statistics, and the objective J less the cost of the clusters."""
 
     mixture: Mixture
     statistics: EmStatistics
@@ -101,7 +110,12 @@ def _area(prior: Prior) -> float:
 
 @kernel
 def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
-    """Run EM from groups of pixels, and write the labels of the cells."""
+    """Run EM from K groups of pixels, with people of the sizes that fit them best as prior.
+
+    `groups` (K, 6) and `cells` (N, 6) have the columns pixels, mean x, y [px], scatter xx, xy, yy [px^2]. `labels`
+    (N,), the cluster of each cell, -1 for none, is filled in place. The objective of the result includes the cost
+    of the clusters.
+    """
     means = groups[:, 1:3].copy()
     covs, person = person_at(means, _sizes_of(groups, prior), prior)
     nu = prior.strength * person
@@ -119,17 +133,17 @@ def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
 
 @kernel
 def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
-    """Drop the first group without which J rises; return the groups (K - 1, 6) of that fit, or all.
+    """Drop the first cluster without which the penalised log posterior rises: rows (K - 1, 6) of that fit, or all.
 
-    Between two people who touch there may be a third cluster that merging of pairs does not remove. The groups with the
-    highest entropy per pixel are tried, at most `MAX_DOUBTS` of them.
+    Between two people who touch there may be a third cluster that merging of pairs does not remove. The clusters with
+    the highest assignment entropy per pixel are tried, at most `MAX_DOUBTS` of them.
 
     Args:
-        cells: (N, 6) cell table.
-        groups: (K, 6) pixels, mean and scatter.
-        entropy: (K, K) of `shared_entropy`.
-        value: J of all groups.
-        prior: sizes of people.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        groups: (K, 6) clusters, in the same columns.
+        entropy: (K, K) assignment entropies of pairs [nats], by `shared_entropy`.
+        value: penalised log posterior with all clusters.
+        prior: size map of people for the camera.
     """
     doubt = entropy.sum(axis=1) / np.maximum(groups[:, 0], 1.0)
     for k in np.argsort(-doubt, kind="mergesort")[:MAX_DOUBTS]:
@@ -145,7 +159,10 @@ def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: 
 
 @kernel
 def _groups_at(centres: Floats, prior: Prior) -> Floats:
-    """(K, 6) groups (pixels, mean, scatter) of unoccluded people at positions `centres` (K, 2) [px]."""
+    """(K, 6) rows of people in full view at image positions `centres` (K, 2) [px].
+
+    Columns: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+    """
     covs, person = person_at(centres, np.zeros(centres.shape[0]), prior)
     groups = np.empty((centres.shape[0], 6))
     groups[:, 0] = person
@@ -157,7 +174,10 @@ def _groups_at(centres: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _sizes_of(groups: Floats, prior: Prior) -> Floats:
-    """Return the (K,) log sizes of people that fit the groups best."""
+    """Return the (K,) natural logs of the sizes of people, relative to the size map, that fit the groups (K, 6) best.
+
+    Columns of the groups: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+    """
     out = np.empty(groups.shape[0])
     for k in range(groups.shape[0]):
         n, x, y, xx, xy, yy = groups[k]
@@ -167,14 +187,17 @@ def _sizes_of(groups: Floats, prior: Prior) -> Floats:
 
 @kernel
 def _large(groups: Floats, prior: Prior) -> Floats:
-    """Those of the groups (K, 6) with enough pixels for a person."""
+    """Select the groups (K, 6: pixels, mean, scatter) with at least `prior.least` of a person's pixels."""
     _, person = person_at(groups[:, 1:3].copy(), _sizes_of(groups, prior), prior)
     return groups[np.flatnonzero(groups[:, 0] >= prior.least * person)]
 
 
 @kernel
 def _sorted_clusters(groups: Floats, labels: Ints, prior: Prior) -> Clusters:
-    """Clusters from groups (K, 6), sorted by decreasing mass; `labels` (N,) of the cells are renumbered in place."""
+    """Clusters from groups (K, 6: pixels, mean x, y, scatter xx, xy, yy), sorted by decreasing mass.
+
+    `labels` (N,), the group of each cell, -1 for none, are renumbered in place.
+    """
     order = np.argsort(-groups[:, 0], kind="mergesort")
     rank = np.empty(order.shape[0], dtype=np.int64)
     groups = groups[order]
@@ -192,13 +215,15 @@ def _sorted_clusters(groups: Floats, labels: Ints, prior: Prior) -> Clusters:
 
 @kernel
 def _seeds(cells: Floats, corners: Ints, side: int, prior: Prior) -> Floats:
-    """(K, 2) initial centres: person-sized windows with much foreground, selected greedily.
+    """(K, 2) initial centres [px] of clusters: person-sized windows with much foreground, selected greedily.
+
+    At most `MAX_CLUSTERS`, each with at least `SEED_MASS` of a person's pixels not taken before.
 
     Args:
-        cells: (N, 6) cell table.
-        corners: (N, 2) its cells' corners.
-        side: of the cells [px].
-        prior: of the camera.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        corners: (N, 2) left and upper pixel of each cell.
+        side: side of a cell [px].
+        prior: size map of people for the camera.
     """
     rows, columns = (prior.height + side - 1) // side, (prior.width + side - 1) // side
     left = cells[:, 0].copy()
@@ -220,13 +245,13 @@ def _seeds(cells: Floats, corners: Ints, side: int, prior: Prior) -> Floats:
 
 @kernel
 def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) -> None:
-    """Write the integral image of the counts: [r, c] is the sum over rows < r and columns < c.
+    """Write the integral image of the cells' counts: [r, c] is the sum over rows < r and columns < c of cells.
 
     Args:
-        integral: (rows + 1, columns + 1) filled.
-        counts: (N,) of the cells.
-        corners: (N, 2) left and top pixel of the cells.
-        side: of a cell [px].
+        integral: (rows + 1, columns + 1) filled in place.
+        counts: (N,) foreground pixels of each cell.
+        corners: (N, 2) left and upper pixel of each cell.
+        side: side of a cell [px].
     """
     integral[:] = 0.0
     for i in range(counts.shape[0]):
@@ -240,9 +265,16 @@ def _integrate_into(integral: Floats, counts: Floats, corners: Ints, side: int) 
 
 @kernel
 def _window_mass(integral: Floats, x: float, y: float, side: int, prior: Prior) -> float:
-    """Foreground within one standard deviation of a person's box around (x, y) [px], in units of a person's pixels.
+    """Foreground within one standard deviation of a person around the pixel (x, y), in units of a person's pixels.
 
-    `integral` is the integral image of `_integrate_into`, `side` that of a cell [px].
+    The window is that of the cells touched by the deviations in x and y.
+
+    Args:
+        integral: (rows + 1, columns + 1) integral image of the cells' numbers of foreground pixels.
+        x: column of the pixel.
+        y: row of the pixel.
+        side: side of a cell [px].
+        prior: size map of people for the camera.
     """
     at = grid_cell(prior, x, y)
     rx, ry = math.sqrt(prior.cov[at, 0]), math.sqrt(prior.cov[at, 2])
@@ -258,12 +290,12 @@ def _take_into(left: Floats, centre: Floats, cells: Floats, x: float, y: float, 
     """Remove the foreground of a person at (x, y) [px] from `left`, in place; write its mean to `centre`.
 
     Args:
-        left: (N,) foreground pixels of the cells that are left.
-        centre: (2,) filled.
-        cells: (N, 6) cell table.
-        x: position.
-        y: position.
-        prior: sizes of people.
+        left: (N,) foreground pixels of each cell that no person has taken, updated in place.
+        centre: (2,) mean x, y of the removed pixels [px], filled in place.
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
+        x: column of the person's centre [px], the mean of a cell with pixels left.
+        y: row of the person's centre [px].
+        prior: size map of people for the camera.
     """
     xx, xy, yy = prior.cov[grid_cell(prior, x, y)]
     det = xx * yy - xy * xy

@@ -35,7 +35,11 @@ STEP_PX = 0.5  # of the finite differences
 
 
 class RegionBearings(NamedTuple):
-    """Bearings of K regions; NaN for a camera without pose."""
+    """Azimuths of K image regions in the world and horizontal image positions, each with its standard deviation.
+
+    `bearing` and `sigma` in rad; `u_px` is the offset from the centre of the levelled image, positive to the right,
+    with `sigma_px` [px]. All (K,), NaN for a camera without pose.
+    """
 
     bearing: Floats  # (K,) [rad]
     sigma: Floats  # (K,) [rad]
@@ -44,7 +48,11 @@ class RegionBearings(NamedTuple):
 
 
 class BearingNoise(NamedTuple):
-    """Settings of the noise of region centres."""
+    """Settings of the noise of region centres.
+
+    `sigma_px` is the standard deviation of the centre of a person in full view [px], in place of the model's
+    posture and reading noise, None for these; `scale` is a factor on all standard deviations.
+    """
 
     sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these
     scale: float = 1.0  # factor on all standard deviations
@@ -55,13 +63,13 @@ AS_MODELLED = BearingNoise()
 
 
 def shape_covariance(person: Floats, fill: Floats, cut: Bools, noise: BearingNoise = AS_MODELLED) -> Floats:
-    """(K, 3) covariance xx, xy, yy [px^2] of centres of mass, as measurements of people's axes.
+    """(K, 3) covariances xx, xy, yy [px^2] of regions' centres of mass as measurements of people's vertical axes.
 
     Args:
-        person: (K, 3) spread of a person's pixels at the position [px^2].
-        fill: (K,) foreground relative to a person in full view.
-        cut: (K,) true where the region reaches the left or right border of the image.
-        noise: a standard deviation that it gives in pixels represents the share of a person's posture.
+        person: (K, 3) covariance xx, xy, yy of a person's pixels at the position [px^2].
+        fill: (K,) foreground pixels relative to a person in full view.
+        cut: (K,) mask of regions that reach the left or right border of the image.
+        noise: if it states `sigma_px`, the share of posture is left out here.
     """
     odd = np.minimum(np.abs(1.0 - fill), 1.0)
     posture = POSTURE_SHARE if noise.sigma_px is None else 0.0
@@ -78,15 +86,15 @@ def sights(
     persons: Floats,
     noise: BearingNoise = AS_MODELLED,
 ) -> RegionBearings:
-    """Bearings, with their noise, of centres in the image.
+    """Azimuths, with their noise, of K region centres in an image; NaN for a camera without pose.
 
     Args:
-        camera: its `sigma_read_px` is added.
-        centres: (K, 2) [px].
+        camera: camera; its reading noise `sigma_read_px` is added unless `noise` states `sigma_px`.
+        centres: (K, 2) centres [px].
         covs: (K, 3) their covariances xx, xy, yy, without reading noise [px^2].
-        spreads: (K, 3) spread of the regions' pixels [px^2].
-        persons: (K, 3) spread of a person's pixels there [px^2].
-        noise: a standard deviation that it gives in pixels represents the camera's noise of reading.
+        spreads: (K, 3) covariances of the regions' pixels [px^2]; what exceeds a person adds to the noise.
+        persons: (K, 3) covariances of a person's pixels there [px^2].
+        noise: standard deviation in pixels, if given, and factor on all standard deviations.
     """
     if not camera.placed:
         return RegionBearings(*np.full((4, len(centres)), np.nan))
@@ -104,7 +112,7 @@ def sights(
 
 
 def _gradient(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
-    """Derivatives (N,) and (N,) [rad/px] of the azimuth by pixel column and row, at `centres` (N, 2) [px]."""
+    """Derivatives of the azimuth by pixel column (N,) and row (N,) [rad/px] at `centres` (N, 2) [px]."""
     right, down = np.array([STEP_PX, 0.0]), np.array([0.0, STEP_PX])
     gx = wrap_angle(camera.bearings(centres + right) - camera.bearings(centres - right)) / (2.0 * STEP_PX)
     gy = wrap_angle(camera.bearings(centres + down) - camera.bearings(centres - down)) / (2.0 * STEP_PX)

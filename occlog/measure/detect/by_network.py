@@ -36,7 +36,10 @@ NOT_FINITE = "the network gives numbers that are not finite"
 
 
 class _Ready(NamedTuple):
-    """A decoded frame, or why it could not be used."""
+    """A decoded frame and its resized input for the network; or the reason why it could not be used.
+
+    `lost` is that reason, empty for a good frame, of which alone `image` (BGR) and `prepared` are not None.
+    """
 
     frame: Frame
     lost: str = ""
@@ -45,7 +48,11 @@ class _Ready(NamedTuple):
 
 
 class DetectedFrame(NamedTuple):
-    """A frame with its boxes by decreasing area, or why it could not be used."""
+    """A frame with its n boxes by decreasing area, or the reason why it could not be used.
+
+    `lost` is that reason (empty: none), `boxed` then None; re-identification vectors (n, D) and colour histograms
+    (n, 72) of the boxes.
+    """
 
     frame: Frame
     lost: str
@@ -64,19 +71,20 @@ def detect_by_network(
     rows: int = BATCH,
     shapes: dict[str, tuple[int, ...]] | None = None,
 ) -> Iterator[Detections]:
-    """Generate boxes of a network as views and candidate bearings (`from_boxes`), sorted by time.
+    """Generate boxes of a network as views and unlabelled candidate bearings, sorted by time.
 
     Frames that cannot be decoded, have another size than the camera's first, or for which the network returns
     non-finite numbers, are losses without rows.
 
     Args:
-        frames: in the order of time; each camera's also in the order of its index.
-        scene: must hold the cameras.
-        detector: what detects.
-        embedder: describes the appearance in the boxes.
-        config: of it `bit_depth`, `sigma_px` and `sigma_scale` are used.
-        rows: frames in a part, about.
-        shapes: of each camera's first image in earlier frames; is added to. None: these are the first frames.
+        frames: frames in the order of time; each camera's also in the order of its index.
+        scene: scene with the cameras.
+        detector: detection network.
+        embedder: network that describes the appearance in the boxes; None: no embeddings.
+        config: its `bit_depth`, `sigma_px` and `sigma_scale` are used.
+        rows: minimum number of frames in a part.
+        shapes: shape of each camera's first image in earlier frames by name, updated in place; None: these are the
+            first frames.
 
     Raises:
         InputError: a frame's camera is not in the scene, an image does not fit its calibration, times go back, or the
@@ -121,9 +129,10 @@ def _detect_frames(
     config: DetectConfig,
     shapes: dict[str, tuple[int, ...]],
 ) -> Iterator[DetectedFrame]:
-    """Generate the frames in order with the detections of the network.
+    """Generate the frames in order with the boxes of the network, their embeddings and colours.
 
-    `shapes` has the shape of each camera's first image, and is updated; `embedder` adds vectors for re-identification.
+    `shapes` has the shape of each camera's first image by name, and is updated in place. `embedder` None: no
+    embeddings.
     """
 
     def prepare(some: list[Frame]) -> list[_Ready]:
@@ -166,20 +175,20 @@ def _prepare(
 ) -> _Ready:
     """Decode a frame and resize it for the network; or state the reason why it cannot be used.
 
-    `shapes` has the shape of each camera's first image, and is updated.
+    `shapes` has the shape of each camera's first image by name, and is updated in place.
     """
     image = decoded(frame, scene, shapes, config)
     return _Ready(frame, image) if isinstance(image, str) else _Ready(frame, "", image, detector.prepare(image))
 
 
 def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], config: DetectConfig) -> Image | str:
-    """Image (height, width, 3) of a frame in BGR, or the reason why it cannot be used.
+    """Image (height, width, 3) of a frame in BGR, 8 bits; or the reason why it cannot be used, as text.
 
     Args:
-        frame: to be decoded.
-        scene: must hold its camera.
-        shapes: of each camera's first image so far; is added to.
-        config: of it `bit_depth` is used.
+        frame: frame to decode.
+        scene: has its camera.
+        shapes: shape of each camera's first image by name, updated in place.
+        config: its `bit_depth` is used.
 
     Raises:
         InputError: the image does not fit the camera's calibration.
@@ -202,7 +211,7 @@ def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], conf
 
 
 def in_colour(image: Image) -> Image:
-    """BGR image (height, width, 3) of one that may be grey (height, width)."""
+    """BGR image (height, width, 3) of an image that may be grey (height, width)."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image
 
 
@@ -210,9 +219,9 @@ def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Dete
     """Views, bearings and losses of some frames.
 
     Args:
-        seen: frames with their boxes, descriptions and colours; those without boxes (None) could not be used.
-        scene: has the cameras.
-        config: of the detection, except for the minimum confidence, by which the boxes are already selected.
+        seen: frames with boxes, embeddings and colours; those without boxes (None) become losses.
+        scene: scene with the cameras.
+        config: settings of the detection; its minimum confidence is not used, since boxes are already selected by it.
     """
     good = [each for each in seen if each.boxed is not None]
     # Boxes come by falling area, as views are numbered: rows of both tables are in one order.
@@ -231,7 +240,7 @@ def _part(seen: list[DetectedFrame], scene: Scene, config: DetectConfig) -> Dete
 
 
 def _boxes(frame: Frame, boxed: Boxed) -> Boxes:
-    """Rows of a frame; one row without a box if there are none."""
+    """Rows of `Boxes` of a frame, without identities; one row without a box (number -1) if there are none."""
     n = len(boxed.boxes)
     edges = boxed.boxes if n else np.full((1, 4), np.nan)
     rows = len(edges)

@@ -23,14 +23,14 @@ from .config import NETWORK, DetectConfig
 
 @dataclass
 class Work:
-    """Detections of a recording, with the method used.
+    """Detection in a recording, still to be executed, and what is recorded about it.
 
     Attributes:
-        parts: detections in the order of time.
-        parameters: on which they depend.
-        files: read in addition to those of the request.
+        parts: detections in the order of time, generated lazily.
+        parameters: method and settings, for the provenance.
+        files: files read in addition to those of the request.
         summary: figures of the detector for the user.
-        checks: of the choice of the detector.
+        checks: checks of the choice of the detector.
     """
 
     parts: Iterator[Detections]
@@ -42,7 +42,14 @@ class Work:
 
 @dataclass(frozen=True)
 class PersonDetector:
-    """Occlog's person network, with an optional re-identification network."""
+    """Detection by occlog's person network.
+
+    Attributes:
+        network: person network.
+        embedder: re-identification network; None: none.
+        config: settings.
+        threads: number of threads.
+    """
 
     network: NetworkDetector
     embedder: Embedder | None
@@ -51,7 +58,7 @@ class PersonDetector:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files of the networks, for their digests."""
+        """Files of the networks, to be hashed for the provenance."""
         return (*self.network.network.file.files, *(self.embedder.network.file.files if self.embedder else ()))
 
     @property
@@ -61,7 +68,7 @@ class PersonDetector:
         return {"network": self.network.network.file.path.name, **self.network.parameters(), **more}
 
     def work(self, frames: Iterable[Frame], scene: Scene, checks: tuple[Check, ...]) -> Work:
-        """Detect in all cameras with the network, lazily; `checks` are added to those of the result."""
+        """Set up the detection in all cameras with the network, lazily; `checks` precede those of the network."""
         parts = _with_threads(detect_by_network(frames, scene, self.network, self.embedder, self.config), self.threads)
         used = {"input": "images", "method": NETWORK, **self.used, **of_boxes(self.config)}
         summary = {"method": NETWORK, **described(self.network)}
@@ -76,15 +83,15 @@ class PersonDetector:
         by_background: Callable[[Iterable[Frame]], Iterator[Detections]],
         used: Mapping[str, object],
     ) -> Work:
-        """Detect in some cameras with the network, and in the others with background subtraction, lazily.
+        """Set up the detection in some cameras with the network, in the others by background subtraction, lazily.
 
         Args:
-            frames: of all cameras.
-            scene: has the cameras.
-            checks: made before.
+            frames: frames of all cameras.
+            scene: scene with the cameras.
+            checks: earlier checks, which precede that of the network in the result.
             cameras: names of those for the network.
-            by_background: detects in the others.
-            used: parameters of background subtraction.
+            by_background: generates the detections in frames of the others.
+            used: parameters of background subtraction, for the provenance.
         """
         own = partial(detect_by_network, scene=scene, detector=self.network, embedder=self.embedder,
                       config=self.config, shapes={})  # fmt: skip
@@ -96,18 +103,18 @@ class PersonDetector:
 
 
 def _with_threads(parts: Iterator[Detections], threads: int) -> Iterator[Detections]:
-    """Generate the parts while OpenCV has `threads` threads."""
+    """Generate the parts unchanged, while OpenCV uses `threads` threads."""
     with opencv_threads(threads):
         yield from parts
 
 
 def described(detector: NetworkDetector) -> dict[str, object]:
-    """Description of the network and its threshold, for the summary."""
+    """Name of the network with its hash, and its confidence threshold, for the summary."""
     return {"network": network_in_words(detector), "min_confidence": detector.least}
 
 
 def network_in_words(detector: NetworkDetector) -> str:
-    """Name of a network and beginning of its SHA-256."""
+    """File name of a network and first 12 digits of its SHA-256, for messages."""
     path = detector.network.file.path
     return f"{path.name} (sha256 {hash_file(path)[:12]})"
 

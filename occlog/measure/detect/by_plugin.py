@@ -23,17 +23,19 @@ from .config import DetectConfig
 def detect_by_plugin(
     frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectConfig
 ) -> Iterator[Detections]:
-    """Generate boxes of a plug-in as views and candidate bearings, sorted by time; losses as for a network.
+    """Generate boxes of a detector plug-in as views and unlabelled candidate bearings, sorted by time.
+
+    Frames that cannot be decoded, or have another size than the camera's first, are losses without rows.
 
     Args:
-        frames: in the order of time; each camera's also in the order of its index.
-        scene: must hold the cameras.
+        frames: frames in the order of time; each camera's also in the order of its index.
+        scene: scene with the cameras.
         chosen: the plug-in; each camera has its own object, with its own reproducible random numbers.
-        config: of it `bit_depth`, `sigma_px`, `sigma_scale` and `min_confidence` are used.
+        config: its `bit_depth`, `sigma_px`, `sigma_scale` and `min_confidence` are used.
 
     Raises:
         InputError: an image does not fit its calibration, or times go back.
-        PluginError: the plug-in fails, or gives back what no boxes can be.
+        PluginError: the plug-in fails, or returns something other than valid boxes.
     """
     yield from in_parts(_detect_frames(frames, scene, chosen, config), scene, config)
 
@@ -41,7 +43,10 @@ def detect_by_plugin(
 def _detect_frames(
     frames: Iterable[Frame], scene: Scene, chosen: Chosen, config: DetectConfig
 ) -> Iterator[DetectedFrame]:
-    """Generate the frames in order with the detections of the plug-in `chosen`; PluginError if they are not valid."""
+    """Generate the frames in order with boxes, embeddings and colours; those the plug-in cannot get are losses.
+
+    PluginError if the results of the plug-in `chosen` are not valid, or lengths of embeddings differ.
+    """
     shapes: dict[str, tuple[int, ...]] = {}
     own: dict[str, Detector] = {}
     names = sorted(camera.name for camera in scene.cameras)
@@ -77,7 +82,7 @@ def _detect_frames(
 
 
 def vectors_of(found: Detected) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """(N, D) unit embeddings; D = 0 if the detector has none."""
+    """(N, D) embeddings of a detector's N boxes scaled to length 1; D = 0 if it has none."""
     if found.embeddings is None:
         return np.zeros((len(found.boxes), 0), dtype=np.float32)
     vectors = np.asarray(found.embeddings, dtype=np.float32)

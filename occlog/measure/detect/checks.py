@@ -33,17 +33,17 @@ OUTSIDE = 0.01
 
 
 def with_figures(check: Check, frames: int, detections: int) -> Check:
-    """Check of the detector with the number of frames and detections."""
+    """Add the numbers of frames and detections to the check of the detector; other or failed checks are unchanged."""
     if check.name != DETECTOR or check.found:
         return check
     return structs.replace(check, figures={**check.figures, "frames": frames, "detections": detections})
 
 
 class Checked:
-    """Accumulates statistics of detections over a stream of views."""
+    """Accumulates statistics of detections over streams of views and bearings, for checks at the end."""
 
     def __init__(self, scene: Scene) -> None:
-        """Start without detections."""
+        """Start without detections; image sizes and poses of the cameras come from the scene."""
         self._sizes = {c.name: c.image_size for c in scene.cameras}
         self._rotations = [c.rotation for c in scene.cameras if c.placed]
         self._boxes: Counter[str] = Counter()
@@ -55,7 +55,7 @@ class Checked:
         self._seen: Counter[int] = Counter()
 
     def add_bearings(self, rows: Bearings) -> None:
-        """Add bearings; candidates are not counted."""
+        """Count rows and detections of each labelled target; candidates without a label are not counted."""
         for target in np.unique(rows.target_id[rows.target_id >= 0]).tolist():
             own = rows.target_id == target
             self._rows[target] += int(np.count_nonzero(own))
@@ -85,10 +85,10 @@ class Checked:
         self._frames[name] += 1
 
     def checks(self, frames: Mapping[str, int]) -> tuple[Check, ...]:
-        """Checks with their findings.
+        """Return the checks of the detections with their findings.
 
         Args:
-            frames: number of frames processed of each camera.
+            frames: number of processed frames by camera name; cameras with fewer than `FEWEST` are not checked.
         """
         enough = {name: count for name, count in frames.items() if count >= FEWEST}
         few = "" if enough else f"no camera has {FEWEST} frames"
@@ -112,7 +112,7 @@ class Checked:
         return tilted_world(np.array(self._rotations).reshape(-1, 3, 3))
 
     def _none(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Report cameras without detections while another one has many.
+        """Report that nothing is detected at all, or cameras without detections while another one has many.
 
         `frames` is the number of frames of each camera.
         """
@@ -127,13 +127,13 @@ class Checked:
             )
 
     def _never_seen(self) -> Iterator[Check]:
-        """Report targets that no camera detects."""
+        """Report targets with at least `FEWEST` rows that no camera detects."""
         never = [target for target, rows in sorted(self._rows.items()) if rows >= FEWEST and not self._seen[target]]
         if never:
             yield finding(TARGETS, "target-never-detected", targets=never, rows=max(self._rows[t] for t in never))
 
     def _wide(self) -> Iterator[Check]:
-        """Report cameras with boxes outside the image."""
+        """Report cameras with more than a share `OUTSIDE` of boxes wholly outside the image."""
         for name, count in sorted(self._boxes.items()):
             if exceeds_share(self._outside[name], count, OUTSIDE):
                 yield finding(
@@ -147,7 +147,7 @@ class Checked:
                 )
 
     def _staying(self, frames: Mapping[str, int]) -> Iterator[Check]:
-        """Report cameras with detections at nearly constant positions (static clutter).
+        """Report cameras with a detection at one position in more than a share `STAYING` of the frames (static object).
 
         `frames` is the number of frames of each camera.
         """
@@ -171,7 +171,10 @@ class Checked:
 
 
 def _overlaps(box: Floats, others: Floats) -> bool:
-    """Whether any of the boxes `others` (k, 4) nearly coincides with a box (4,): left, top, right, bottom."""
+    """Whether any of the boxes `others` (k, 4) has an intersection over union of at least `SAME` with a box (4,).
+
+    Boxes are left, top, right, bottom.
+    """
     both = np.prod(np.maximum(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0.0), axis=1)
     each = np.prod(others[:, 2:] - others[:, :2], axis=1) + np.prod(box[2:] - box[:2])
     return bool((both >= SAME * (each - both)).any())

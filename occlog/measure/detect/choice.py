@@ -61,7 +61,7 @@ class Probe(NamedTuple):
 
     @property
     def background(self) -> bool:
-        """Whether background subtraction is to be used."""
+        """Whether background subtraction is to be used: people move in the images, and the network rarely finds any."""
         return self.moving >= MIN_MOVING and self.found < MIN_FOUND_RATIO * self.moving
 
 
@@ -72,14 +72,16 @@ def probe(
     config: DetectConfig,
     detector: NetworkDetector,
 ) -> dict[str, Probe]:
-    """Numbers of frames with people by the network, and with person-sized moving regions, by camera.
+    """Count, by camera, sampled frames with people by the network, and frames with person-sized moving regions.
+
+    Cameras without sampled images are left out; `N_PROBED` images of each are used at most.
 
     Args:
         samples: frames kept for learning, by camera.
-        learned: empty scenes and sizes.
-        scene: has the cameras.
-        config: of the detection.
-        detector: the network.
+        learned: empty scenes and sizes of people.
+        scene: scene with the cameras.
+        config: settings of the detection.
+        detector: the person network.
     """
     found: dict[str, Probe] = {}
     for name, kept in samples.items():
@@ -98,10 +100,12 @@ def probe(
 def moving_frames(images: Iterable[Image], empty: Image, sizes: SizeMap) -> int:
     """Number of images with a person-sized region that differs from the empty scene.
 
+    Images with more than `MAX_FOREGROUND` of foreground do not count.
+
     Args:
         images: (height, width, 3) or (height, width).
         empty: image of the empty scene, of their shape.
-        sizes: of people in these images.
+        sizes: size map of people in these images.
     """
     prior, side = make_prior(sizes, STRENGTH, PENALTY, MIN_CLUSTER_RATIO), cell_side(sizes)
     count = 0
@@ -122,11 +126,11 @@ def detect_in_both(
     """Generate the detections of cameras with the network and of those with background subtraction, sorted by time.
 
     Args:
-        frames: in the order of time.
-        cameras: names of those with a network.
-        by_network: detects in some more frames of these.
-        by_background: detects in some more frames of the others.
-        embedding: length of the vectors that the network's views have; those of the others are NaN.
+        frames: frames of all cameras in the order of time.
+        cameras: names of those for the network.
+        by_network: generates the detections in a batch of frames of these cameras.
+        by_background: generates the detections in a batch of frames of the others.
+        embedding: length of the network's embeddings; views of the others get NaN.
     """
     names = set(cameras)
     for some in batches(frames, BATCH):

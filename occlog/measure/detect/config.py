@@ -174,7 +174,7 @@ class DetectConfig(Settings):
 
 
 def parameters(config: DetectConfig) -> dict[str, object]:
-    """Settings and constants that detections in images depend on, for provenance."""
+    """Settings and constants that background subtraction depends on by name, for the provenance."""
     return {name: value for name, value in asdict(config).items() if name not in ("label_scope", "feedback_gate")} | {
         "clean_px": CLEAN_PX,
         "max_foreground": MAX_FOREGROUND,

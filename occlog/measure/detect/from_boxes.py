@@ -26,9 +26,9 @@ class LabelMap:
     """Map from identities of boxes to targets.
 
     Attributes:
-        scope: `GLOBAL` or `CAMERA`, see `config`.
-        number: target of each camera and identity; the camera is empty where identities are global.
-        span: first and last time at which a target has a box that counts.
+        scope: `GLOBAL` (identities are equal in all cameras) or `CAMERA` (each camera has its own).
+        number: target by camera and identity; the camera is empty text where identities are global.
+        span: first and last time [ns] by target at which it has a box of sufficient confidence.
     """
 
     scope: str
@@ -36,17 +36,17 @@ class LabelMap:
     span: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, sensor: str, ids: Ints32) -> Ints32:
-        """(n,) targets of the identities `ids` (n,) in the camera `sensor`; `UNLABELLED` if unknown."""
+        """(n,) targets of the box identities `ids` (n,) in the camera `sensor`; `UNLABELLED` if unknown."""
         known = {i: self.number.get(self.key(sensor, i), UNLABELLED) for i in np.unique(ids).tolist()}
         return np.array([known[i] for i in ids.tolist()], dtype=np.int32)
 
     def missed(self, sensor: str, frames: Ints, t_ns: Ints, target: Ints32) -> tuple[Ints, Ints32]:
-        """Times and targets of a camera's frames in which a present target has no box, by time and target.
+        """Times [ns] and targets of a camera's frames in which a target has no box between its first and last, sorted.
 
         Args:
-            sensor: the camera.
-            frames: (F,) times of its frames.
-            t_ns: (n,) times of its boxes.
+            sensor: name of the camera.
+            frames: (F,) times of its frames [ns].
+            t_ns: (n,) times of its boxes [ns].
             target: (n,) their targets.
         """
         times, missing = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int32)]
@@ -63,7 +63,7 @@ class LabelMap:
         return found[order], targets[order]
 
     def key(self, sensor: str, identity: int) -> tuple[str, int]:
-        """Key in `number` of the identity of a box in the camera `sensor`."""
+        """Key (camera, identity) in `number` of a box in a camera; the camera is empty if identities are global."""
         return ("" if self.scope == GLOBAL else sensor, identity)
 
 
@@ -76,8 +76,8 @@ def counted(boxes: Boxes, config: DetectConfig) -> Bools:
 def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> LabelMap:
     """Scan all boxes for targets, and the time range of each.
 
-    With the scope of global identities a target has the identity's own number.  Identities of cameras are numbered from
-    0, in the order of the times, the cameras and the identities.
+    With the scope `GLOBAL` a target has the number of the identity. With `CAMERA` the identities of all cameras are
+    numbered from 0, in the order of time, camera and identity.
 
     Raises:
         InputError: no box has an identity, or two boxes of a frame have the same one.
@@ -108,20 +108,19 @@ def scan_labels(chunks: Iterable[Boxes], scope: str, config: DetectConfig) -> La
 def detect_boxes(
     boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | None = None, labels: LabelMap | None = None
 ) -> Iterator[Detections]:
-    """Generate views and bearings of boxes, chunk by chunk.
+    """Generate views and bearings of detector boxes, chunk by chunk.
 
-    Each box with sufficient or unknown confidence is a view and an unlabelled candidate bearing (`target_id` -1,
-    `score` its confidence). A frame without such a box has one bearing row without detection. Cameras without pose give
-    views only. The identity of a box is the view's `hint`.
-
-    With `labels`, boxes with an identity are labelled with its target, and a target without a box in a frame, between
-    its first and last box, has a bearing row without detection.
+    Each box with sufficient or unknown confidence is a view (with its identity as `tracklet_id`) and an unlabelled
+    candidate bearing (`target_id` -1, `score` its confidence). A frame without such a box has one bearing row
+    without detection. Cameras without pose give views only. With `labels`, boxes with an identity are labelled with
+    its target, and a target without a box in a frame, between its first and last box, has a bearing row without
+    detection.
 
     Args:
-        boxes: in the order of time; rows of one frame must not be split between chunks.
-        scene: must hold the cameras.
-        config: of it `min_confidence` is used.
-        labels: targets of the boxes' identities (`scan_labels`); None: identities are hints only.
+        boxes: chunks in the order of time; rows of one frame must not be split between chunks.
+        scene: scene with the cameras.
+        config: its `min_confidence`, `sigma_px` and `sigma_scale` are used; None: the defaults.
+        labels: targets of the boxes' identities (`scan_labels`); None: no labels.
     """
     config = config or DetectConfig()
     for chunk in boxes:
@@ -153,7 +152,7 @@ def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig, labels: Label
 
 
 def _cut(camera: Camera, boxes: Boxes) -> Bools:
-    """Mask of boxes that touch the left or right border; False if the image size is unknown."""
+    """(n,) mask of boxes that touch the left or right border of the image; False if the image size is unknown."""
     if camera.image_size is None:
         return np.zeros(len(boxes), dtype=np.bool_)
     right = camera.image_size[0] - 1.5
@@ -192,7 +191,7 @@ def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: RegionBearings,
 
 
 def _ranks(boxes: Boxes, area: Floats) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
-    """Number of each box in its frame, by decreasing area."""
+    """(n,) number of each box in its frame, from 0, by decreasing `area` (n,); boxes are of one camera."""
     order = np.lexsort((boxes.box, -area, boxes.t_ns))
     t_ns = boxes.t_ns[order]
     starts = np.flatnonzero(np.concatenate([[True], t_ns[1:] != t_ns[:-1]])) if len(t_ns) else np.empty(0, int)

@@ -42,7 +42,7 @@ OF_SHIPPED = ("runtime", "nms_iou", "tiles", "embed_pixel_scaling", "embed_size"
 
 
 def _embed() -> Any:
-    """Declare the re-identification network, `--embed`."""
+    """Declare the input of a re-identification network, `--embed`."""
     words = "Describe the person in each box with this network (ONNX), for re-identification."
     return source(words, metavar="REID", there=False)
 
@@ -182,7 +182,7 @@ class PluginRequest(_BoxRequest):
 
 
 def _of_plugin(name: str) -> Form:
-    """Form of a request for a detector plug-in, with its settings under its name."""
+    """Form of a request for the installed detector plug-in `name`, with the plug-in's own settings."""
     from occlog.plugins.loading import DETECTOR, find
 
     plugin = find(name, DETECTOR)
@@ -197,7 +197,7 @@ def _plugged() -> dict[str, VerbKind]:
 
 
 def _form(without: Collection[str], settings: Collection[str] = ()) -> Form:
-    """Form of `DetectRequest` without some fields, or with some settings only."""
+    """Form of `DetectRequest` without the fields `without`, or with only some of its settings (`settings`)."""
     names = {f.name for f in fields(DetectRequest)} - set(without)
     return Form(DetectRequest, takes=(names - {"settings"}) | set(settings) if settings else names)
 

@@ -55,7 +55,10 @@ T = TypeVar("T", Boxes, Bearings)
 
 
 def run_detect(request: DetectRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect in a recording and write the tables; return the summary and the losses."""
+    """Detect in a recording and write the tables; return the summary and all losses.
+
+    UsageError for settings of the fusion without fusion.
+    """
     of_fusion = (e.key for e in Form(DetectRequest).entries() if e.field == "fusion" and e.of.name in request.fusion)
     if not request.fuse and (key := next(of_fusion, None)) is not None:
         raise UsageError(f"{option(key)} is an option of the fusion; add {option('fuse')}", id="missing-option")
@@ -95,21 +98,21 @@ def write_detections(
     fused: FuseTally | None = None,
     checks: Sequence[Check] = (),
 ) -> tuple[list[Loss], Counter[str]]:
-    """Write the requested tables.
+    """Write the requested tables of bearings and views.
 
     Args:
-        job: of a request with outputs that are tables of bearings and of views.
-        parts: in the order of time.
-        parameters: of the provenance, to which `left` adds.
-        lost: input that was lost before.
-        left: has seen the frames.
-        scene: of the cameras.
+        job: job of a request with outputs that are tables of bearings or views.
+        parts: detections in the order of time.
+        parameters: parameters for the provenance; skipped frames are added.
+        lost: losses of the inputs.
+        left: counter that the frames have passed; losses of frames are added.
+        scene: scene with the cameras.
         inputs: files that are read; None: those of the request.
-        fused: counts the rows of the fusion; None: nothing is fused.
-        checks: of the choice of the detector; the figures of `DETECTOR` are added.
+        fused: counts of the fusion, for its checks; None: nothing is fused.
+        checks: checks of the choice of the detector; numbers of frames and detections are added to that of `DETECTOR`.
 
     Returns:
-        All losses, and counts of frames, regions, rows and rows that are seen.
+        All losses, and counts: frames, warmup_frames, regions, rows of bearings, and seen (rows with a detection).
     """
     provenance = job.provenance(parameters, inputs=inputs)
     losses, tally, checked = list(lost), Counter[str](), Checked(scene)
@@ -138,9 +141,9 @@ def write_detections(
 
 
 def _figures(tally: Counter[str]) -> dict[str, int]:
-    """Figures of the summary; frames used for learning the background only are listed if there are any.
+    """Return the figures of the summary by name; `warmup_frames` only if there are any.
 
-    `tally` has them by name.
+    `tally` has the counts of `write_detections`.
     """
     names = ("frames", "warmup_frames", "regions", "rows", "seen")
     return {name: tally[name] for name in names if tally[name] or name != "warmup_frames"}
@@ -156,10 +159,11 @@ def _fused(
 
 
 def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, left: SkippedFrames, job: Job) -> Work:
-    """Return the detections in a recording.
+    """Set up the detection in a recording, lazily.
 
-    Images have priority; without images its boxes are used, and without boxes its bearings. `left` counts the frames
-    that are skipped.
+    Images have priority; without images its boxes are used, and without boxes its bearings. `left` records the
+    numbers of the frames read. InputError if the recording holds none of these; UsageError for options that do not
+    apply to its content.
     """
     config = configure(DetectConfig(), {"method": request.method, **request.settings})
     if config.label_scope is not None and (recording.cameras or not recording.has(Boxes)):
@@ -205,7 +209,7 @@ def _detections(request: DetectRequest, recording: McapRecording, scene: Scene, 
 
 
 def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
-    """Names of the selected sensors; empty: all. UsageError for one that is not `known`."""
+    """Names of the requested cameras; empty: all. UsageError for one that is not among `known`."""
     for name in request.cameras:
         if name not in known:
             raise UsageError(
@@ -215,7 +219,7 @@ def _sensors_of(request: DetectRequest, known: list[str]) -> tuple[str, ...]:
 
 
 def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
-    """Rows of some sensors (`only` empty: of all)."""
+    """Generate the rows of the sensors `only` (empty: all), without empty chunks."""
     for chunk in chunks:
         kept = chunk.take(np.isin(chunk.sensor, only)) if only else chunk
         if len(kept):
@@ -225,11 +229,11 @@ def _rows_of(chunks: Iterator[T], only: tuple[str, ...]) -> Iterator[T]:
 def _near(
     request: DetectRequest, config: DetectConfig, length_unit: str
 ) -> tuple[TrackFeedback | None, dict[str, object]]:
-    """Track feedback that limits the search, and its parameters; None and none if it was not requested.
+    """Track feedback that limits the search, and its parameters for the provenance; (None, {}) if not requested.
 
     Raises:
         UsageError: a gate is given without tracks.
-        InputError: the tracks are in another unit than the scene, have no covariance, or are missing.
+        InputError: the tracks are in another unit than `length_unit`, have no covariance, or are missing.
     """
     if request.track_feedback is None:
         if "feedback_gate" in request.settings:
@@ -250,9 +254,9 @@ def _near(
 def _simulated_bearings(
     chunks: Iterator[Bearings], near: TrackFeedback | None, positions: dict[str, Floats]
 ) -> Iterator[Detections]:
-    """Generate simulated bearings unchanged, or within the gates of track feedback (`near`).
+    """Generate simulated bearings as parts; with track feedback (`near`), those outside a gate become missed.
 
-    `positions` (2,) are those of the sensors by name.
+    `positions` has the ground position (2,) of each camera with a pose, by name.
     """
     for chunk in chunks:
         kept = chunk if near is None else limited(chunk, near, positions)
@@ -262,9 +266,10 @@ def _simulated_bearings(
 def _from_images(
     request: DetectRequest, recording: McapRecording, scene: Scene, config: DetectConfig, left: SkippedFrames, job: Job
 ) -> Work:
-    """Choose a detector for each camera, learn in a first pass if required, and detect in a second pass, lazily.
+    """Choose a detector for each camera, learn in a first pass if required, and set up the detection, lazily.
 
-    `left` counts the frames that are skipped.
+    `left` records the numbers of the frames read. UsageError if a re-identification network is given, and background
+    subtraction is used.
     """
     sensors = cameras_of(request.cameras, recording)
     boxes = [_box(text) for text in request.target_boxes]
@@ -316,9 +321,9 @@ def _from_images(
 
 
 def _background_because(request: DetectRequest, recording: McapRecording, targets: Sequence[Target]) -> str:
-    """Reason to use background subtraction without trying the network; empty if there is none.
+    """Reason to use background subtraction without trying the network; empty text if there is none.
 
-    `targets` are those with an appearance that is given.
+    `targets` are those with a given appearance.
     """
     if recording.provenance.command == "simulate":
         return "the recording is simulated"
@@ -330,9 +335,9 @@ def _background_because(request: DetectRequest, recording: McapRecording, target
 
 
 def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[str], tuple[Check, ...]]:
-    """Names of the cameras in which the network detects, and findings about the others.
+    """Names of the cameras in which the network detects, and findings about those with background subtraction.
 
-    Cameras without a probe are the network's.
+    `probes` has the result of the comparison by camera; cameras without one are the network's.
     """
     others = {name: probes[name] for name in sensors if name in probes and probes[name].background}
     checks = tuple(
@@ -343,7 +348,10 @@ def _chosen(sensors: Sequence[str], probes: Mapping[str, Probe]) -> tuple[list[s
 
 
 def _person_detector(request: DetectRequest, config: DetectConfig) -> PersonDetector:
-    """Load occlog's person network, and the re-identification network if given."""
+    """Load occlog's person network, and the re-identification network if given.
+
+    Its minimum confidence is `MIN_CONFIDENCE` unless the request states one.
+    """
     _check_embed(request)
     if "min_confidence" not in request.settings:
         config = replace(config, min_confidence=MIN_CONFIDENCE)
@@ -363,9 +371,9 @@ def _check_embed(request: DetectRequest | NetworkRequest) -> None:
 
 
 def images_of(request: Detection, detector: str) -> tuple[McapRecording, Scene, tuple[str, ...]]:
-    """Open the recording of a request, with its scene and the cameras to detect in.
+    """Open the recording of a request, with its scene and the names of the cameras to detect in.
 
-    `detector` is what detects, in messages.
+    `detector` names what detects, in messages.
 
     Raises:
         InputError: the recording holds no images, or those of a camera that is not in the scene.
@@ -409,7 +417,10 @@ def frames_of(recording: McapRecording, sensors: tuple[str, ...]) -> int:
 
 
 def _references(request: DetectRequest, recording: McapRecording) -> tuple[Target, ...]:
-    """Appearances of the targets, from a file or attached to the recording; empty without either."""
+    """Targets with their appearances, from a file of the request or attached to the recording; empty without either.
+
+    InputError if they are not histograms of 72 bins with a target each.
+    """
     if request.target is not None:
         where = str(request.target)
         raw: bytes | None = check_input(request.target, "appearances of targets (JSON)").read_bytes()
@@ -448,7 +459,7 @@ def _box(text: str) -> TargetBox:
 
 
 def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect with a network of the user and write the tables; return the summary and the losses."""
+    """Detect with a network of the user and write the tables; return the summary and all losses."""
     opened, scene, sensors = images_of(request, "a network")
     config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
     _check_embed(request)
@@ -480,11 +491,11 @@ def run_network(request: NetworkRequest, job: Job) -> tuple[dict[str, object], l
 
 
 def figures(request: NetworkRequest | PluginRequest, tally: Counter[str], **more: object) -> dict[str, object]:
-    """Figures of the summary: paths of the written tables, `more`, and numbers of frames, boxes and rows of bearings.
+    """Return the figures of the summary: paths of the written tables, `more`, and numbers of frames, boxes and rows.
 
     Args:
-        request: has the paths.
-        tally: counts by name.
+        request: request with the paths of the tables.
+        tally: counts of `write_detections`.
         **more: figures that are put between the paths and the numbers.
     """
     bearings = {} if request.bearings is None else {"bearings": str(request.bearings)}
@@ -503,7 +514,7 @@ def _note_assumed(detector: NetworkDetector, job: Job) -> None:
 
 
 def run_plugin(request: PluginRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Detect with a plug-in and write the tables; return the summary and the losses."""
+    """Detect with a detector plug-in and write the tables; return the summary and all losses."""
     plugin = find(request.method, DETECTOR_PLUGIN)
     assert plugin is not None  # its settings are those of the request
     chosen = Chosen(plugin, request.own)

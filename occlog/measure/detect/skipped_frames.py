@@ -17,12 +17,12 @@ MAX_SEGMENTS = 10_000
 
 
 class SkippedFrames:
-    """Accumulates gaps in the frame numbers of a stream.
+    """Records which frame numbers of a stream are missing in the recording or could not be used.
 
     Frames numbered in steps (0, 5, 10) have no gaps.
 
     Attributes:
-        frames: how many of each camera passed.
+        frames: number of frames by camera that passed.
     """
 
     def __init__(self) -> None:
@@ -34,20 +34,20 @@ class SkippedFrames:
         self._lost: dict[str, list[tuple[int, int]]] = {}
 
     def watch(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """Generate the frames unchanged, and record their numbers."""
+        """Generate the frames unchanged, and record their numbers on the way."""
         for frame in frames:
             self._see(frame.sensor, frame.index)
             yield frame
 
     def watch_boxes(self, chunks: Iterable[Boxes]) -> Iterator[Boxes]:
-        """Generate boxes unchanged (with a row for each processed frame), and record the frame numbers."""
+        """Generate chunks of boxes unchanged, and record their frame numbers on the way."""
         for chunk in chunks:
             for sensor, number in dict.fromkeys(zip(chunk.sensor.tolist(), chunk.frame.tolist(), strict=True)):
                 self._see(sensor, number)
             yield chunk
 
     def lost(self, losses: Iterable[Loss]) -> None:
-        """Add the frames of losses, which could not be used."""
+        """Add the frames of losses made by `segments`; other losses, and those of unknown cameras, are ignored."""
         for loss in losses:
             if (numbers := numbers_of(loss)) is not None and loss.source in self._last:
                 segments = self._lost.setdefault(loss.source, [])
@@ -75,7 +75,7 @@ class SkippedFrames:
         return [(first, last) for first, last in self._gaps.get(sensor, ()) if last - first + 2 > step]
 
     def parameters(self) -> dict[str, object]:
-        """Provenance entries; empty if no frame is skipped."""
+        """Skipped frames for the provenance: by camera, sorted pairs of first and last number; empty if no gaps."""
         skipped = {name: sorted({*self._without_steps(name), *self._lost.get(name, ())}) for name in sorted(self._last)}
         skipped = {name: each for name, each in skipped.items() if 0 < len(each) <= MAX_SEGMENTS}
         return {LEFT_OUT: skipped} if skipped else {}

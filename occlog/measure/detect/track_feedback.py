@@ -21,7 +21,10 @@ MAX_AGE_S = 1.0
 
 
 class TargetPath(NamedTuple):
-    """Track of a target, sorted by time."""
+    """Track of a target, sorted by time [ns] (T,): positions and velocities (T, 2), position covariances (T, 2, 2).
+
+    Velocities are 0 where unknown.
+    """
 
     t_ns: Ints  # (T,)
     xy: Floats  # (T, 2)
@@ -30,21 +33,21 @@ class TargetPath(NamedTuple):
 
 
 class TrackFeedback(NamedTuple):
-    """Predicted positions of targets with their uncertainty."""
+    """Tracks of the targets by identity, and the gate in standard deviations around their predicted directions."""
 
     paths: dict[int, TargetPath]
     gate: float  # standard deviations
 
 
 class ExpectedDirections(NamedTuple):
-    """Predicted directions of a target from a sensor at N times; NaN: unknown."""
+    """Predicted azimuths of a target from a sensor at N times with standard deviations [rad]; NaN: unknown."""
 
     azimuth: Floats  # (N,) [rad]
     sigma: Floats  # (N,) standard deviation [rad]
 
 
 def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
-    """Create track feedback; `gate` in standard deviations."""
+    """Create track feedback from tracks with covariances; `gate` in standard deviations."""
     paths = {}
     for target in np.unique(tracks.target_id).tolist():
         own = tracks.take(tracks.target_id == target)
@@ -55,14 +58,14 @@ def track_feedback(tracks: Tracks, gate: float) -> TrackFeedback:
 
 
 def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirections:
-    """Predicted directions of a target from a sensor, by the last position and velocity before each time.
+    """Predicted directions of a target from a sensor, by its last position and velocity before each time.
 
     The uncertainty includes the position's covariance and the predicted displacement. NaN before the first position and
     after `MAX_AGE_S`.
 
     Args:
-        path: of the target.
-        origin: (2,) position of the sensor.
+        path: track of the target.
+        origin: (2,) ground position of the sensor.
         t_ns: (N,) times [ns].
     """
     last = np.searchsorted(path.t_ns, t_ns, side="left") - 1
@@ -79,13 +82,13 @@ def directions(path: TargetPath, origin: Floats, t_ns: Ints) -> ExpectedDirectio
 
 
 def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, bearing: Floats, sigma: Floats) -> Bools:
-    """(N,) mask of bearings that may be of a target: within the gate, or with unknown position.
+    """(N,) mask of bearings that may be of a target: within the gate, or its direction is unknown.
 
     Args:
-        near: the tracks.
-        target: identity.
-        origin: (2,) the sensor.
-        t_ns: (N,) times.
+        near: tracks of the targets and gate.
+        target: identity of the target.
+        origin: (2,) ground position of the sensor.
+        t_ns: (N,) times [ns].
         bearing: (N,) azimuths [rad].
         sigma: (N,) their standard deviations [rad].
     """
@@ -97,12 +100,12 @@ def inside_gate(near: TrackFeedback, target: int, origin: Floats, t_ns: Ints, be
 
 
 def limited(bearings: Bearings, near: TrackFeedback, positions: dict[str, Floats]) -> Bearings:
-    """Mark labelled bearings outside their target's gate as not detected.
+    """Return the bearings with labelled ones outside their target's gate marked as not detected.
 
     Args:
-        bearings: of sensors in `positions`; candidates without a label stay.
-        near: the tracks.
-        positions: (2,) of each sensor with a pose.
+        bearings: bearings; candidates without a label, and rows of sensors without position, are unchanged.
+        near: tracks of the targets and gate.
+        positions: ground position (2,) of each sensor with a pose, by name.
     """
     keep = np.ones(len(bearings), dtype=np.bool_)
     for sensor in np.unique(bearings.sensor).tolist():

@@ -66,7 +66,10 @@ SEARCHED = 4.0
 
 
 class ChannelLags:
-    """Cross-correlation of each pair of channels (GCC-PHAT, Knapp & Carter 1976), averaged over blocks of samples."""
+    """Cross-correlation of each pair of M channels (GCC-PHAT, Knapp & Carter 1976), averaged over blocks of samples.
+
+    Finds channels that are unrelated, inverted, delayed or exchanged. Up to `MAX_BLOCKS` blocks are used.
+    """
 
     def __init__(self) -> None:
         """Start without sound."""
@@ -76,7 +79,7 @@ class ChannelLags:
         self._frames: list[Floats] = []  # (M, M, FRAME) correlations
 
     def add(self, block: Floats) -> None:
-        """Add samples `block` (n, M) of M channels."""
+        """Add samples `block` (n, M) of M channels; ignored once there are enough."""
         if self._blocks >= MAX_BLOCKS:
             return
         self._parts.append(block)
@@ -87,13 +90,16 @@ class ChannelLags:
             self._parts, self._held = [whole[BLOCK:]], len(whole) - BLOCK
 
     def finish(self) -> None:
-        """Use the samples of a recording shorter than a block."""
+        """Use the samples of a recording shorter than one block, if they are at least `MIN_BLOCK`."""
         if not self._blocks and self._held >= MIN_BLOCK:
             whole = np.concatenate(self._parts)
             self._correlate(np.pad(whole, ((0, BLOCK - len(whole)), (0, 0))), len(whole))
 
     def _correlate(self, samples: Floats, sound: int = BLOCK) -> None:
-        """Add the correlations of one block, of which the first `sound` samples are sound and the rest is padding."""
+        """Add the cross-correlations with phase transform (GCC-PHAT) of one block of samples (`BLOCK`, M), in place.
+
+        Only the first `sound` samples of the block are no padding.
+        """
         found = _phat(samples)
         self._sums = found if self._sums is None else self._sums + found
         self._blocks += 1
@@ -102,7 +108,7 @@ class ChannelLags:
                 self._frames.append(_phat(samples[start : start + FRAME]))
 
     def unrelated(self) -> list[int]:
-        """Channels, from 0, without sound in common with any other channel, although most others have."""
+        """Channels, from 0, without sound in common with any other channel; empty unless most of the others have."""
         if self._sums is None:
             return []
         count, limit = len(self._sums), MIN_PEAK_SIGMAS / np.sqrt(self._blocks * BLOCK)
@@ -136,10 +142,14 @@ class ChannelLags:
         return groups[0] if len(groups) == 2 and similar and len(groups[0]) < len(groups[1]) else []
 
     def misfit(self, microphones: Floats, rate: float) -> Misfit | None:
-        """Difference of delays from those of a plane wave, and the channels that explain it; see `late`.
+        """Compare the delays between channels with those of a plane wave, and find a fault that explains a difference.
 
         Delays of microphones in a plane wave are linear in their positions (Smith & Abel 1987). More microphones than
         unknowns of the wave are needed, and an exchange that mirrors or turns the array fits another plane wave.
+
+        Args:
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
 
         Returns:
             None if delays are consistent, or too few of them are known.
@@ -182,9 +192,14 @@ class ChannelLags:
         return Misfit(own, (), {}) if own > max(MAX_MISFIT_SAMPLES, MAX_MISFIT_EXTENTS * extent) else None
 
     def slowness(self, microphones: Floats, rate: float) -> float | None:
-        """Delays of the fitted plane wave as a share of the longest possible ones; see `late` for the arguments.
+        """Slowness of the fitted plane waves relative to that of sound, if it is implausible; None otherwise.
 
-        Median over the frames; None if it is possible, or the delays of most frames are not those of a plane wave.
+        Median over the frames; above 1 the delays are longer than the array permits. None also if the delays of
+        many frames are not those of a plane wave.
+
+        Args:
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
         """
         pairs = list(combinations(range(len(microphones)), 2))
         apart: Floats = np.array([microphones[i] - microphones[j] for i, j in pairs]).reshape(-1, 3)
@@ -204,11 +219,11 @@ class ChannelLags:
         return usual if large or max(shares) < LEAST_SLOWNESS else None
 
     def _within(self, i: int, j: int, microphones: Floats, rate: float) -> Bools:
-        """(BLOCK,) mask of lags, in the order of an FFT, that are possible for the distance of microphones i and j.
+        """(BLOCK,) mask of lags, in the order of an FFT, that are possible for the distance of two microphones.
 
         Args:
-            i: microphone.
-            j: microphone.
+            i: index of a microphone.
+            j: index of the other one.
             microphones: (M, 3) positions, in seconds of the travel of sound.
             rate: samples per second.
         """
@@ -216,14 +231,14 @@ class ChannelLags:
         return np.asarray(np.abs(np.fft.fftfreq(BLOCK, 1.0 / BLOCK)) <= limit)
 
     def late(self, microphones: Floats, rate: float) -> dict[int, int]:
-        """Delays of channels [samples], by number from 0; negative: early.
+        """Delays [samples] of delayed channels, by number from 0; negative: early. Channels in step are left out.
 
-        Channels with lags that the distances of their microphones allow form a group; the largest group (on ties, that
-        of the first channel) is the reference.
+        Channels with lags that the distances of their microphones allow form a group; the largest group (on ties,
+        that of the first channel) is the reference.
 
         Args:
-            microphones: (M, 3) positions, in seconds of sound.
-            rate: of the samples [Hz].
+            microphones: (M, 3) positions, in seconds of the travel of sound.
+            rate: samples per second.
         """
         count = len(microphones)
         if self._sums is None:
@@ -249,7 +264,10 @@ class ChannelLags:
         return out
 
     def _peak(self, i: int, j: int, limit: float) -> tuple[float, bool, bool]:
-        """Lag of channel j relative to i [samples], whether it is within the limit, and whether clearly beyond."""
+        """Lag of channel j relative to i [samples] (positive: j is later) at the highest correlation.
+
+        Also whether it is within +-`limit` [samples], and whether it is a distinct peak clearly beyond.
+        """
         found = np.zeros(0) if self._sums is None else self._sums[i, j] / max(self._blocks, 1)
         lags = np.fft.fftfreq(BLOCK, 1.0 / BLOCK)
         near = np.abs(lags) <= limit
@@ -274,7 +292,10 @@ class Misfit(NamedTuple):
 
 
 def _phat(samples: Floats) -> Floats:
-    """(M, M, n) phase transform correlations of samples (n, M), for channels i < j."""
+    """(M, M, n) phase transform correlations by lag, in the order of an FFT, of samples (n, M).
+
+    Entry [i, j] is filled for channels i < j, others are 0. Its peak is at the delay of j relative to i.
+    """
     spectra = np.fft.rfft(samples, axis=0).T
     with np.errstate(invalid="ignore", divide="ignore"):
         phases = np.nan_to_num(spectra / np.abs(spectra))
@@ -286,13 +307,13 @@ def _phat(samples: Floats) -> Floats:
 
 
 def _delay(found: Floats, near: Bools) -> float:
-    """Lag [samples, fractional] of the peak of a correlation; NaN if it is not distinct.
+    """Lag [samples, fractional] of the peak of a phase transform correlation; NaN if the peak is not distinct.
 
-    For broadband sound the peak is a sinc; its position follows from two neighbours (Foroosh et al. 2002).
+    For broadband sound the peak is a sinc; its position follows from its neighbours (Foroosh et al. 2002).
 
     Args:
         found: (n,) correlation by lag, in the order of an FFT.
-        near: (n,) lags that are possible.
+        near: (n,) mask of possible lags.
     """
     values = np.where(near, found, -np.inf)
     top = int(np.argmax(values))
@@ -312,12 +333,14 @@ def _swapped(count: int, i: int, j: int) -> Ints:
 
 
 def _plane_wave_misfit(lags: Floats, apart: Floats, rate: float) -> tuple[float, float]:
-    """RMS difference of delays (n, P) [samples] of pairs from a plane wave, and its slowness; medians over n frames.
+    """RMS difference of delays from those of the best plane wave [samples], and its slowness relative to sound.
+
+    Both are medians over n frames.
 
     Args:
-        lags: delays.
-        apart: (P, 3) differences of the positions of the pairs, in seconds of sound.
-        rate: of the samples [Hz].
+        lags: (n, P) delays of P pairs of channels [samples].
+        apart: (P, 3) differences of the microphones' positions of the pairs, in seconds of the travel of sound.
+        rate: samples per second.
     """
     waves = lags @ np.linalg.pinv(apart, rcond=1e-3).T
     rest = np.sqrt(np.mean((lags - waves @ apart.T) ** 2, axis=1))
@@ -325,7 +348,7 @@ def _plane_wave_misfit(lags: Floats, apart: Floats, rate: float) -> tuple[float,
 
 
 def _connected(fits: Bools) -> list[list[int]]:
-    """Groups of channels connected by pairs that fit: `fits` (M, M) is a mask."""
+    """Groups of channels that are connected, directly or over others, by the mask of pairs `fits` (M, M)."""
     groups: list[list[int]] = []
     for channel in range(len(fits)):
         joined = [group for group in groups if fits[channel, group].any()]
@@ -335,10 +358,15 @@ def _connected(fits: Bools) -> list[list[int]]:
 
 
 class Channels:
-    """Levels of the microphones of one array, accumulated over a stream of samples."""
+    """Checks of the M microphones of one array, from statistics accumulated over a stream of samples."""
 
     def __init__(self, microphones: Floats | None = None, rate: float = 0.0) -> None:
-        """Start without samples; `microphones`: positions (M, 3) in seconds of sound travel, `rate` [Hz]."""
+        """Start without samples.
+
+        Args:
+            microphones: (M, 3) positions, in seconds of the travel of sound; None: no checks of delays.
+            rate: samples per second; 0: unknown.
+        """
         self.count = 0
         self._microphones, self._rate, self._lags = microphones, rate, ChannelLags()
         self._squares = self._full = np.zeros(0)
@@ -347,7 +375,7 @@ class Channels:
         self._levels: list[Floats] = []  # (M,) mean squares of each piece
 
     def watch(self, blocks: Iterable[Floats]) -> Iterator[Floats]:
-        """Generate the blocks (n, M) unchanged, and accumulate their levels."""
+        """Generate the blocks of samples (n, M), full scale 1, unchanged, and accumulate their statistics."""
         for block in blocks:
             if not self.count:
                 self._squares, self._full = np.zeros((2, block.shape[1]))
@@ -380,20 +408,23 @@ class Channels:
 
     @cached_property
     def misfit(self) -> Misfit | None:
-        """Delays that are not those of a plane wave, if nothing else is wrong with the samples."""
+        """Delays that differ from those of a plane wave, and what explains it; None if they do not.
+
+        None also without positions, or if another fault of the samples is found.
+        """
         if self._microphones is None or self.silent() or self.similar() or self.late() or self.inverted():
             return None
         return None if self.unrelated() else self._lags.misfit(self._microphones, self._rate)
 
     def slowness(self) -> float | None:
-        """Share of the longest possible delays that those of plane waves have, if it is implausible."""
+        """Slowness of the fitted plane waves relative to that of sound, if it is implausible; None otherwise."""
         if self._microphones is None or self.silent() or self.similar():
             return None
         self._lags.finish()
         return self._lags.slowness(self._microphones, self._rate)
 
     def late(self) -> dict[int, int]:
-        """Delays of microphones [samples], by number from 1."""
+        """Delays of delayed microphones [samples], by number from 1; negative: early. Empty without positions."""
         if self._microphones is None:
             return {}
         self._lags.finish()
@@ -405,7 +436,10 @@ class Channels:
         return (np.flatnonzero(level < SILENT * np.median(level)) + 1).tolist()
 
     def unequal(self) -> dict[int, float]:
-        """Level [dB] relative to the usual one of microphones with another gain, by number from 1."""
+        """Level [dB] relative to the median, by number from 1, of microphones that differ by more than `UNEQUAL`.
+
+        Silent ones are excluded.
+        """
         level = np.sqrt(self._squares)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = 20.0 * np.log10(level / np.median(level))
@@ -413,7 +447,10 @@ class Channels:
         return {n + 1: float(ratio[n]) for n in np.flatnonzero(np.abs(ratio) > UNEQUAL).tolist() if n + 1 not in silent}
 
     def interrupted(self) -> dict[int, float]:
-        """Share of intervals with sound in which a microphone has none, by number from 1, without `silent` ones."""
+        """Share of the intervals with sound in which a microphone has none, by number from 1.
+
+        Only shares of at least `MIN_SILENCE`, and no microphones that are silent throughout.
+        """
         levels = np.sqrt(np.array(self._levels).reshape(len(self._levels), -1))
         if not levels.size:
             return {}
@@ -424,12 +461,12 @@ class Channels:
         return {n + 1: float(gone[n]) for n in np.flatnonzero(gone >= MIN_SILENCE).tolist() if n + 1 not in silent}
 
     def clipped(self) -> dict[int, float]:
-        """Share of clipped samples by microphone number, for those with many."""
+        """Share of clipped samples by microphone number from 1, for shares above `CLIPPED`."""
         shares = self._full / max(self.count, 1)
         return {n + 1: float(shares[n]) for n in np.flatnonzero(shares > CLIPPED).tolist()}
 
     def similar(self) -> list[int]:
-        """Numbers of microphones with samples identical to another one's (silence excluded)."""
+        """Numbers, from 1, of microphones with samples identical to another one's; silent ones are excluded."""
         own = [a if q > 0.0 else None for a, q in zip(self._sums, self._squares.tolist(), strict=True)]
         return [n + 1 for n, each in enumerate(own) if each is not None and own.count(each) > 1]
 
@@ -440,9 +477,9 @@ def checks(
     """Checks of each array's sound, with their findings.
 
     Args:
-        channels: by the name of the array.
-        tallies: of its frames.
-        rows: number of its directions.
+        channels: statistics of the microphones, by the name of the array.
+        tallies: counts of the frames, by the name of the array.
+        rows: number of directions found, by the name of the array.
     """
     return (
         *outcome(SOUND, _silent(channels)),

@@ -25,7 +25,7 @@ MAX_WINDOW_S = 1.0
 
 @dataclass(frozen=True)
 class DoaConfig(Settings):
-    """Settings of listening; times in seconds, angles in degrees."""
+    """Settings of the estimation of directions of arrival; times in seconds, angles in degrees."""
 
     OWNER: ClassVar[str] = "listen"
 
@@ -128,7 +128,10 @@ class DoaConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check the band, the window length, and the algorithm for the number of sources."""
+        """Constraints, each as setting, whether it holds, and allowed values.
+
+        On the ends of the band, the window against the frame, and algorithms that need the number of sources.
+        """
         yield "high_hz", self.high_hz > self.low_hz, f"above the lower end of the band, {self.low_hz:g}"
         yield "frame_s", self.window_s <= self.frame_s, f"at least the window, {self.window_s:g}"
         found = self.max_sources > 0 or self.algorithm == "srp"

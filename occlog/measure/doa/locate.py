@@ -27,7 +27,7 @@ MIN_COHERENCE, MAX_COHERENCE = 1e-3, 0.999
 
 
 def extents(microphones: Floats) -> tuple[int, Floats]:
-    """Number of dimensions spanned by microphones (n, 3), and the direction (3,) of least extent."""
+    """Number of dimensions spanned by microphones (n, 3), 0 to 3, and the unit direction (3,) of least extent."""
     centred = microphones - microphones.mean(axis=0)
     _, sizes, axes = np.linalg.svd(centred, full_matrices=True)
     sizes = np.pad(sizes, (0, max(0, 3 - len(sizes))))
@@ -42,9 +42,9 @@ def direction(azimuth: Floats, elevation: Floats) -> Floats:
 
 
 def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
-    """(M, length/2 + 1, S) Hann-windowed spectra of samples (n, M); S = 0 for fewer samples than `length`.
+    """(M, length/2 + 1, S) Hann-windowed spectra of samples (n, M) of M channels in S windows of `length` samples.
 
-    `hop` is the number of samples from one window to the next.
+    S = 0 for fewer samples than `length`. `hop` is the number of samples from one window to the next.
     """
     M = samples.shape[1]
     if len(samples) < length:
@@ -55,7 +55,7 @@ def spectra(samples: Floats, length: int, hop: int) -> np.ndarray:
 
 
 def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
-    """(S,) mean power of each of the spectra X (M, F, S) in some bins, over microphones; 1 for a full-scale sine."""
+    """(S,) mean power over microphones of the spectra X (M, F, S) in the frequency bins `bins`; 1: full-scale sine."""
     n = 2 * (X.shape[1] - 1)
     # Parseval, with the Hann window's mean square of 3/8 and the sine's of 1/2, on one side of the spectrum.
     full = n**2 * (3.0 / 8.0) * 0.5 / 2.0
@@ -63,17 +63,17 @@ def levels(X: np.ndarray, bins: np.ndarray) -> Floats:
 
 
 def coherence(X: np.ndarray, bins: np.ndarray, omega: Floats, microphones: Floats, u: Floats, c: float) -> float:
-    """Coherence with a plane wave: 1 for a single wave, about 0 for independent noise.
+    """Coherence of M channels with a plane wave: 1 for a single wave, about 0 for independent noise.
 
     It is the mean, over pairs of microphones, bins and spectra, of the cosine of the phase residual.
 
     Args:
         X: (M, F, S) spectra.
-        bins: (B,) bins to use.
+        bins: (B,) frequency bins to use.
         omega: (B,) their angular frequencies [rad/s].
-        microphones: (M, 3).
-        u: (3,) direction.
-        c: speed of sound.
+        microphones: (M, 3) positions in the array's frame.
+        u: (3,) unit vector towards the source.
+        c: speed of sound, in the unit of the positions per second.
     """
     phase = X[:, bins, :]
     size = np.abs(phase)
@@ -89,17 +89,17 @@ def sharpness(
 ) -> Floats:
     """(2, 2) Cramer-Rao bound of (azimuth, elevation) [rad^2] from phases with Gaussian errors.
 
-    A pair coherence g corresponds to a phase variance of -ln g per microphone. The bound is infinite where the
-    array does not determine an angle.
+    A coherence g of pairs of microphones corresponds to a phase variance of -ln g per microphone. Infinite on the
+    diagonal for an angle that the array does not determine.
 
     Args:
         omega: (B,) angular frequencies [rad/s].
         snapshots: number of independent spectra.
-        microphones: (M, 3).
-        azimuth: of the direction [rad], array frame.
-        elevation: above the array's xy plane [rad].
-        c: speed of sound.
-        agreement: coherence, see above.
+        microphones: (M, 3) positions in the array's frame.
+        azimuth: azimuth of the direction in the array's frame [rad].
+        elevation: elevation above the array's xy plane [rad].
+        c: speed of sound, in the unit of the positions per second.
+        agreement: coherence g, limited to [`MIN_COHERENCE`, `MAX_COHERENCE`].
     """
     sa, ca, se, ce = np.sin(azimuth), np.cos(azimuth), np.sin(elevation), np.cos(elevation)
     slopes = np.array([[-sa * ce, ca * ce, 0.0], [-ca * se, -sa * se, ce]])
@@ -133,7 +133,11 @@ MAX_POINTS = 200_000
 
 
 class ArrayDirection(NamedTuple):
-    """A direction of arrival, in the array's frame."""
+    """Direction of arrival towards a source in the array's frame [rad], with standard deviations [rad].
+
+    Elevation and its standard deviation are NaN where not measured; the confidence is the coherence of the phases, 0 to
+    1.
+    """
 
     azimuth: float
     elevation: float  # NaN: not measured
@@ -143,7 +147,10 @@ class ArrayDirection(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Frequency bins of a spectrum that are used to find directions."""
+    """B frequency bins of a spectrum of `length` samples that are used, with their angular frequencies [rad/s].
+
+    `rate` is the number of samples per second.
+    """
 
     rate: int
     length: int  # of a spectrum, samples
@@ -152,7 +159,10 @@ class Band(NamedTuple):
 
 
 class DirectionGrid(NamedTuple):
-    """Grid of candidate directions: colatitudes by azimuths."""
+    """Grid of candidate directions in the array's frame: E elevations by A azimuths [rad].
+
+    `allowed` (E, A) masks one of each pair of directions that a flat array cannot distinguish.
+    """
 
     azimuth: Floats  # (A,) rising, all around
     elevation: Floats  # (E,)
@@ -160,11 +170,21 @@ class DirectionGrid(NamedTuple):
 
 
 class Locator(NamedTuple):
-    """Precomputed parameters for locating directions, constant over frames."""
+    """What the estimation of directions with one array of M microphones needs, constant over frames.
 
-    engine: Any  # of pyroomacoustics
-    microphones: Floats  # (M, 3)
-    normal: Floats | None  # (3,) of a flat array
+    Attributes:
+        engine: algorithm of pyroomacoustics.
+        microphones: (M, 3) positions of the microphones about their mean.
+        normal: (3,) unit normal of a flat array; None: the array is not flat.
+        band: frequencies that are used.
+        grid: candidate directions.
+        speed: speed of sound [length/s].
+        config: settings.
+    """
+
+    engine: Any
+    microphones: Floats
+    normal: Floats | None
     band: Band
     grid: DirectionGrid
     speed: float
@@ -183,9 +203,9 @@ def library() -> ModuleType:
 
 
 def make_band(rate: int, config: DoaConfig) -> Band:
-    """Select the frequencies of the band; UsageError if the recording has fewer than three of them.
+    """Select the frequency bins of the band; UsageError if it has fewer than three.
 
-    `rate` is the number of samples per second.
+    `rate` is the number of samples per second; the spectrum's length is the next power of two to the window's.
     """
     length = 1 << max(math.ceil(math.log2(config.window_s * rate)), 3)
     frequency = np.arange(length // 2 + 1) * rate / length
@@ -201,16 +221,18 @@ def make_band(rate: int, config: DoaConfig) -> Band:
 
 
 def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> Locator:
-    """Prepare locating; InputError for an array that cannot determine directions.
-
-    UsageError where pyroomacoustics is missing, the band or the grid is unsuitable for the array, or the algorithm
-    finds fewer sources than `config.max_sources`.
+    """Prepare locating with one array.
 
     Args:
-        array: with its microphones.
+        array: array with its microphones.
         rate: samples per second.
-        unit: of lengths in the scene.
+        unit: unit of lengths in the scene.
         config: algorithm, band and grid.
+
+    Raises:
+        InputError: fewer than three microphones, all in one line, or spread over more than sound crosses in a window.
+        UsageError: pyroomacoustics is missing, the band or the grid is unsuitable for the array, or the algorithm finds
+            fewer sources than `config.max_sources`.
     """
     doa, band, speed = library(), make_band(rate, config), speed_of_sound(config, unit)
     _check_extent(array, band, speed, unit)
@@ -246,7 +268,7 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
 
 
 def speed_of_sound(config: DoaConfig, unit: str) -> float:
-    """Speed of sound [scene units/s]; UsageError if the unit is not a length."""
+    """Speed of sound [scene units/s], of the settings or 343 m/s; UsageError if neither applies to the unit."""
     if config.speed_of_sound is not None:
         return config.speed_of_sound
     if unit not in METRES:
@@ -273,9 +295,10 @@ def _check_extent(array: MicrophoneArray, band: Band, speed: float, unit: str) -
 
 
 def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfig) -> DirectionGrid:
-    """Create the grid: a few directions per lobe of the array at the top of the band, 1 to 5 degrees apart.
+    """Create the grid of directions: a few per lobe of the array at the top of the band, 1 to 5 degrees apart.
 
-    `speed` is that of sound, in the unit of the microphones' positions. UsageError if the grid is too large.
+    The settings may state the step. `speed` is that of sound, in the unit of the microphones' positions per second.
+    UsageError if the grid is too large.
     """
     span = float(np.ptp(array.microphones, axis=0).max())
     lobe = np.degrees(2.0 * np.pi * speed / (float(band.omega[-1]) * span))
@@ -303,7 +326,15 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
-    """Directions in spectra X (M, F, S), by decreasing confidence, at least `config.min_confidence`."""
+    """Directions of arrival in the array's frame, by decreasing confidence (coherence of the phases, 0 to 1).
+
+    Peaks of the algorithm's map over the grid, refined by parabolas; those with a confidence below
+    `config.min_confidence` are left out.
+
+    Args:
+        at: algorithm, array, grid and settings.
+        X: (M, F, S) complex spectra of M microphones at F frequencies in S snapshots.
+    """
     config, grid = at.config, at.grid
     # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
     at.engine.locate_sources(X, num_src=max(config.max_sources, 1), freq_bins=at.band.bins)
@@ -322,13 +353,15 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
 def _with_uncertainty(
     at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int
 ) -> ArrayDirection:
-    """Direction with its standard deviations, between `FLOOR` and those of a uniform distribution.
+    """Direction with its standard deviations, from the Cramer-Rao bound with the factor `FACTOR`.
+
+    They are at least `FLOOR`, and at most that of a uniform distribution over the circle.
 
     Args:
         at: array, band and grid.
-        azimuth: in the array's frame [rad].
-        elevation: in the array's frame [rad].
-        agreement: coherence of the channels.
+        azimuth: azimuth in the array's frame [rad].
+        elevation: elevation in the array's frame [rad].
+        agreement: coherence of the channels with it.
         snapshots: number of spectra that it is from.
     """
     count = float(np.clip(snapshots * INDEPENDENT, 1.0, MAX_INDEPENDENT))
@@ -359,9 +392,10 @@ def _with_uncertainty(
 
 
 def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
-    """(2,) variances [rad^2] of azimuth and elevation due to the angle to the plane of a flat array.
+    """(2,) variances [rad^2] of azimuth and elevation from the uncertain angle of a direction to a flat array's plane.
 
-    `normal` (3,) is the unit normal of the plane.
+    The array measures that angle by the slowness of the wave across it, with the error `SHRINK`. `normal` (3,) is
+    the unit normal of the plane, in the array's frame like the direction [rad].
     """
     u = direction(np.array(azimuth), np.array(elevation))
     out = float(abs(u @ normal))
@@ -377,9 +411,10 @@ def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
 
 
 def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[int, int]]:
-    """Rows and columns of the highest local maxima that are allowed and sufficiently separated, highest first.
+    """Rows and columns of the highest local maxima of a map of directions, highest first.
 
-    `chart` (E, A) has the power at each elevation and azimuth of the grid.
+    They are allowed by the grid, high enough (`min_peak`), separated by `min_separation_deg`, and at most as many
+    as the settings state. `chart` (E, A) has the power at each elevation and azimuth of the grid.
     """
     E = len(chart)
     padded = np.pad(np.pad(chart, ((1, 1), (0, 0)), constant_values=-np.inf), ((0, 0), (1, 1)), mode="wrap")
@@ -406,13 +441,13 @@ def peaks(chart: Floats, grid: DirectionGrid, config: DoaConfig) -> list[tuple[i
 
 
 def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[float, float]:
-    """Azimuth and elevation [rad] of a local maximum, refined by parabolas through its neighbours.
+    """Azimuth (in [-pi, pi)) and elevation [rad] of a local maximum, refined by parabolas through its neighbours.
 
     Args:
         chart: (E, A) power at each elevation and azimuth.
-        grid: the directions.
-        row: of the maximum.
-        column: of the maximum.
+        grid: directions of the grid.
+        row: row of the maximum in `chart`.
+        column: column of the maximum.
     """
     A = len(grid.azimuth)
     line = chart[row, [(column - 1) % A, column, (column + 1) % A]]
@@ -424,6 +459,6 @@ def refined(chart: Floats, grid: DirectionGrid, row: int, column: int) -> tuple[
 
 
 def _top(y: Floats) -> float:
-    """Position of the maximum of a parabola through y at -1, 0, 1, within half a step."""
+    """Position of the maximum of a parabola through `y` (3,) at -1, 0, 1, limited to +-1/2; 0 if it has none."""
     bend = float(y[0] - 2.0 * y[1] + y[2])
     return float(np.clip(0.5 * (y[0] - y[2]) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0

@@ -38,18 +38,27 @@ Pairs = tuple[tuple[str | None, T], ...]
 
 
 class _Plan(NamedTuple):
-    """Channels, arrays and settings of a request."""
+    """Parsed inputs and settings of a request.
+
+    Attributes:
+        scene: file of the scene; None: not given.
+        sounds: pairs of the name of an array (None: not named) and a sound file.
+        arrays: pairs of the name of an array (None: not named) and a file of positions of microphones.
+        channels: channels that are used, from 0; empty: all.
+        start_time: pairs of the name of an array (None: all) and the text of the time of its first sample.
+        config: settings.
+    """
 
     scene: Path | None
-    sounds: Pairs[Path]  # (array or None, path)
-    arrays: Pairs[Path]  # (name or None, path)
-    channels: tuple[int, ...]  # from 0; empty: all
-    start_time: Pairs[str]  # (array or None, text)
+    sounds: Pairs[Path]
+    arrays: Pairs[Path]
+    channels: tuple[int, ...]
+    start_time: Pairs[str]
     config: DoaConfig
 
 
 def _plan(request: DoaRequest) -> _Plan:
-    """Plan of a request; UsageError or SettingError if invalid."""
+    """Parse a request; UsageError or SettingError if it is invalid."""
     settings = dict(request.settings)
     if request.source_limit is not None:
         settings["max_sources"] = parse_most(request.source_limit)
@@ -66,7 +75,7 @@ def _plan(request: DoaRequest) -> _Plan:
 
 
 def parse_most(text: str) -> int:
-    """Parse the number of directions per frame, 1 to 100; 0 for `auto`."""
+    """Parse the maximum number of directions per frame, 1 to 100; 0 for `auto`; UsageError for anything else."""
     if text == "auto":
         return 0
     if not (text.isdecimal() and 1 <= int(text) <= 100):
@@ -86,7 +95,7 @@ def parse_channels(parts: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def run_listen(request: DoaRequest, job: Job) -> tuple[dict[str, object], list[Loss]]:
-    """Find directions of arrival in sound files and write them; return the summary and the losses."""
+    """Estimate directions of arrival in sound files and write them; return the summary and the losses."""
     plan = _plan(request)
     library()  # before anything is read
     scene = _scene(plan)
@@ -164,10 +173,10 @@ def _arrays(plan: _Plan, scene: Scene) -> dict[str, Path]:
 def _directions(
     scene: Scene, name: str, sound: Sound, plan: _Plan, tally: DoaTally, channels: Channels, job: Job
 ) -> Iterator[Doa]:
-    """Generate the directions of the array `name` by world time.
+    """Generate tables of the directions of the array `name`, sorted by world time.
 
-    InputError for a file shorter than a frame, or with other channels than the array; `tally` and `channels` are
-    updated.
+    `tally` and `channels` are updated in place. InputError for a file shorter than a frame, or with another number of
+    channels than the array has microphones.
     """
     array = next(a for a in scene.arrays if a.name == name)
     _check_channels(sound, array, plan.channels)

@@ -24,7 +24,7 @@ MIN_SPECTRA = 3
 
 @dataclass
 class DoaTally:
-    """Counts of the frames of one array's sound."""
+    """Counts of the frames of one array's sound: all, silent ones, and those with sound but no confident direction."""
 
     frames: int = 0
     silent: int = 0  # frames without enough sound
@@ -40,18 +40,18 @@ def estimate_directions(
     start_ns: int,
     tally: DoaTally,
 ) -> Iterator[Doa]:
-    """Generate the directions of each frame that has some, sorted by time, with azimuths in the world frame.
+    """Generate the directions of each frame that has some, sorted by time, with angles in the world frame.
 
     A frame's time is that of its centre; a remainder shorter than a frame is omitted.
 
     Args:
         blocks: (n, M) samples of the array's microphones, in their order.
-        rate: samples a second.
-        array: the array; its microphones in the scene's unit.
-        unit: of the scene's lengths.
-        config: the settings.
+        rate: samples per second.
+        array: array with microphones in the scene's unit.
+        unit: unit of the scene's lengths.
+        config: settings.
         start_ns: time of the first sample [ns].
-        tally: counts of frames; added to.
+        tally: counts of frames, updated in place.
     """
     at = locator(array, rate, unit, config)
     frame = frame_size(rate, config)
@@ -69,8 +69,8 @@ def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int,
 
     Args:
         blocks: samples (n, M) in order.
-        size: samples in a frame.
-        hop: samples from one frame to the next.
+        size: number of samples in a frame.
+        hop: number of samples from one frame to the next.
     """
     held: list[Floats] = []
     have, first, skip = 0, 0, 0
@@ -91,7 +91,7 @@ def frames(blocks: Iterable[Floats], size: int, hop: int) -> Iterator[tuple[int,
 
 
 def frame_size(rate: int, config: DoaConfig) -> int:
-    """Number of samples in a frame at `rate` samples per second, at least one window."""
+    """Number of samples in a frame at `rate` samples per second; at least that of one window."""
     return max(round(config.frame_s * rate), make_band(rate, config).length)
 
 
@@ -118,12 +118,12 @@ def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: DoaTally) -
 def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
     """(S,) mask of spectra with sound.
 
-    They are above `min_level_db`, and `min_snr_db` above the quietest level of the last `NOISE_S`.
+    They are above `min_level_db`, and, if stated, `min_snr_db` above the quietest level of the last `NOISE_S`.
 
     Args:
         at: band and settings.
-        X: spectra of S windows.
-        quiet: least level [dB] of each of the last frames, updated.
+        X: (M, F, S) spectra of S windows.
+        quiet: lowest level [dB] of each of the last frames; that of this frame is appended.
     """
     with np.errstate(divide="ignore"):
         level = 10.0 * np.log10(levels(X, at.band.bins))

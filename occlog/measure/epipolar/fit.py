@@ -18,7 +18,12 @@ BEST_NOISE_PX = 0.1
 
 
 class FundamentalMatrixFit(NamedTuple):
-    """A fundamental matrix with its fit to the matches."""
+    """A fundamental matrix (3, 3) from view a to view b with its fit to N matches.
+
+    `residuals` (N,) are Sampson distances [px]; `noise_px` the standard deviation of a coordinate of a match, from
+    them; `error_px` the expected root mean square error of the epipolar lines, infinite if they do not determine
+    the matrix.
+    """
 
     matrix: Floats  # (3, 3)
     residuals: Floats  # (N,) Sampson distances [px]
@@ -27,7 +32,7 @@ class FundamentalMatrixFit(NamedTuple):
 
 
 def sampson(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N,) signed Sampson distances [px] of matches a and b (N, 2) by the fundamental matrix (3, 3) from a to b."""
+    """(N,) signed Sampson distances [px] of matches a, b (N, 2) by the fundamental matrix (3, 3): b' F a = 0."""
     fa, fb = homogeneous(a) @ matrix.T, homogeneous(b) @ matrix
     value = (homogeneous(b) * fa).sum(axis=1)
     length = np.sqrt(fa[:, 0] ** 2 + fa[:, 1] ** 2 + fb[:, 0] ** 2 + fb[:, 1] ** 2)
@@ -35,9 +40,9 @@ def sampson(matrix: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def sampson_slopes(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N, 3, 3) derivatives of the Sampson distances with respect to the entries of the matrix (3, 3).
+    """(N, 3, 3) derivatives of Sampson distances with respect to the entries of the fundamental matrix (3, 3).
 
-    Of matches a (N, 2) and b (N, 2) [px].
+    Matches are points a (N, 2) and b (N, 2) [px] of both views, with b' F a = 0.
     """
     ha, hb = homogeneous(a), homogeneous(b)
     fa, fb = ha @ matrix.T, hb @ matrix
@@ -51,12 +56,12 @@ def sampson_slopes(matrix: Floats, a: Floats, b: Floats) -> Floats:
 def fit_affine(a: Floats, b: Floats) -> FundamentalMatrixFit:
     """Best affine fundamental matrix of two views with parallel rays (distant cameras with long lenses).
 
-    The matches are on a hyperplane of their four coordinates, found by linear least squares. `error_px` is as in
-    `fit_perspective`, with 4 unknowns.
+    The matches are on a hyperplane of their four coordinates, found by linear least squares. `error_px` is the expected
+    root mean square error of the epipolar lines, by propagation of the errors of the four unknowns.
 
     Args:
-        a: (N, 2), N >= 5.
-        b: (N, 2).
+        a: (N, 2) points of the first view [px], N >= 5.
+        b: (N, 2) their matches in the second view.
     """
     both = np.hstack([b, a])
     mean = both.mean(axis=0)
@@ -68,7 +73,7 @@ def fit_affine(a: Floats, b: Floats) -> FundamentalMatrixFit:
 
 
 def _affine_matrix(normal: Floats, offset: float) -> Floats:
-    """Fundamental matrix of the hyperplane normal . (xb, yb, xa, ya) + offset = 0."""
+    """(3, 3) affine fundamental matrix of the hyperplane normal . (xb, yb, xa, ya) + offset = 0; `normal` is (4,)."""
     matrix = np.zeros((3, 3))
     matrix[0, 2], matrix[1, 2], matrix[2, 0], matrix[2, 1] = normal
     matrix[2, 2] = offset
@@ -76,7 +81,10 @@ def _affine_matrix(normal: Floats, offset: float) -> Floats:
 
 
 def eight_points(a: Floats, b: Floats) -> Floats:
-    """(3, 3) matrix of rank 2 from matches a and b (N, 2), N at least 8, by the normalised eight-point algorithm."""
+    """(3, 3) fundamental matrix of rank 2 from matches a, b (N, 2), N >= 8, by the normalised eight-point algorithm.
+
+    Norm 1; b' F a = 0 (Hartley and Zisserman).
+    """
     # Normalised eight-point algorithm: linear least squares, then the nearest matrix of rank 2
     a1, b1, change_a, change_b = _about_zero(a, b)
     rows = homogeneous(b1)[:, :, None] * homogeneous(a1)[:, None, :]
@@ -85,23 +93,23 @@ def eight_points(a: Floats, b: Floats) -> Floats:
 
 
 def _least(rows: Floats) -> Floats:
-    """Return the (9,) unit vector x that minimises |rows x|."""
+    """Return the (9,) unit vector x that minimises |rows x|, for `rows` (N, 9) with N >= 8."""
     padded = np.vstack([rows, np.zeros((1, 9))])  # 8 rows have 9 directions, too
     return np.asarray(np.linalg.svd(padded, full_matrices=False)[2][8])
 
 
 def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: int = 50) -> FundamentalMatrixFit:
-    """Rank 2 fundamental matrix that minimises the sum of squared Sampson distances.
+    """Rank 2 fundamental matrix that minimises the sum of squared Sampson distances (Levenberg-Marquardt).
 
     `error_px` is the expected root mean square error of its epipolar lines, at the spread of the points along the line
     on both sides of the match, by first-order propagation of the errors of the seven unknowns. It is large for
     degenerate sets of matches.
 
     Args:
-        a: (N, 2), N >= 8.
-        b: (N, 2).
+        a: (N, 2) points of the first view [px], N >= 8.
+        b: (N, 2) their matches in the second view.
         start: (3, 3) matrix to start from; None: that of `eight_points`.
-        steps: at most this many steps (Levenberg-Marquardt).
+        steps: maximum number of iterations.
     """
     a1, b1, change_a, change_b = _about_zero(a, b)
     first = eight_points(a, b) if start is None else start
@@ -132,9 +140,9 @@ def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: in
 
 
 def _about_zero(a: Floats, b: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Normalise points a and b (N, 2) of both views to mean 0 and scale 1; return them with the transforms (3, 3).
+    """Normalise points a and b (N, 2) of two views to mean 0 and scale 1; return both with their transforms (3, 3).
 
-    The scale is common, so that ratios of distances are preserved.
+    The scale is common to both, so that ratios of distances are preserved.
     """
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     size = float(np.sqrt((((a - mean_a) ** 2).sum() + ((b - mean_b) ** 2).sum()) / (2 * len(a))))
@@ -150,7 +158,7 @@ _CROSS = np.array(
 
 
 def _turn(vector: Floats) -> Floats:
-    """Return the (3, 3) rotation matrix of a rotation vector."""
+    """Return the (3, 3) rotation matrix of a rotation vector (3,) [rad]."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-15:
         return np.eye(3)
@@ -175,11 +183,11 @@ def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> FundamentalMatrixFit:
-    """Fit with its noise and expected error.
+    """Fit of a fundamental matrix with its residuals, noise and expected error of the epipolar lines.
 
     Args:
-        matrix: (3, 3) fundamental matrix.
-        tangents: (p, 3, 3) variations of the matrix by its p degrees of freedom.
+        matrix: (3, 3) fundamental matrix from view a to view b.
+        tangents: (p, 3, 3) derivatives of the matrix by its p degrees of freedom.
         a: (N, 2) points in the first view [px].
         b: (N, 2) their matches in the second view.
     """
@@ -203,9 +211,9 @@ def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, 
     """Mean squared error [px^2] of epipolar lines in view b, at distances along them equal to the spread of points.
 
     Args:
-        matrix: (3, 3) fundamental matrix.
-        tangents: (p, 3, 3) variations of the matrix by its p degrees of freedom.
-        spread: (p, p) root of their covariance.
+        matrix: (3, 3) fundamental matrix from view a to view b.
+        tangents: (p, 3, 3) derivatives of the matrix by its p degrees of freedom.
+        spread: (p, p) square root S of their covariance S S'.
         a: (N, 2) points in view a [px].
         b: (N, 2) their matches in view b.
     """
@@ -224,7 +232,7 @@ def _line_variance(matrix: Floats, tangents: Floats, spread: Floats, a: Floats, 
 
 
 def fit_homography(a: Floats, b: Floats) -> Floats:
-    """(3, 3) homography from view a to view b, by a linear fit to matches (N, 2), N >= 4."""
+    """(3, 3) homography from view a to view b, by a linear fit to matches a, b (N, 2) [px], N >= 4."""
     a1, b1, change_a, change_b = _about_zero(a, b)
     ha, x, y = homogeneous(a1), b1[:, :1], b1[:, 1:]
     zero = np.zeros_like(ha)
@@ -234,13 +242,13 @@ def fit_homography(a: Floats, b: Floats) -> Floats:
 
 
 def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
-    """(N,) distances [px] of matches from a homography; inf where the mapping is undefined.
+    """(N,) distances [px] of matches from a homography; infinite where the mapping is undefined.
 
     They are first-order distances, in the four coordinates of a match, from an exact match. With noise of standard
-    deviation s in each, the square is s^2 times a chi-square of 2.
+    deviation s in each, the square is s^2 times a chi-square with 2 degrees of freedom.
 
     Args:
-        mapping: (3, 3) from a to b.
+        mapping: (3, 3) homography from a to b.
         a: (N, 2) points in the first view [px].
         b: (N, 2) their matches in the second view.
     """
@@ -257,10 +265,10 @@ def homography_distances(mapping: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def homography_parallax(a: Floats, b: Floats) -> float:
-    """Parallax [px] of matches a and b (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
+    """Parallax [px] of matches a, b (N, 2), N >= 5, relative to a homography (one plane, or one camera position).
 
-    Root mean square of `homography_distances` of the best plane per degree of freedom: noise of standard deviation s in
-    every coordinate gives about s.
+    Root sum of squared `homography_distances` from the fitted homography per degree of freedom: noise of standard
+    deviation s in every coordinate gives about s.
     """
     squares = homography_distances(fit_homography(a, b), a, b) ** 2
     return float(np.sqrt(squares.sum() / max(2 * len(a) - 8, 1)))

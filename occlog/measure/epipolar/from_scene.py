@@ -46,26 +46,35 @@ AFFINE_DRAWS = 500
 
 
 class FundamentalFit(NamedTuple):
-    """A fundamental matrix estimated from matches; see `occlog.core.geometry.fundamental` for the convention."""
+    """A fundamental matrix estimated from N matches of views a and b.
 
-    matrix: Floats  # (3, 3)
-    inliers: Bools  # (N,) the matches it rests on
-    noise_px: float  # standard deviation of a coordinate of these
+    Attributes:
+        matrix: (3, 3) matrix F with b' F a = 0 for homogeneous points a, b [px].
+        inliers: (N,) mask of the matches that it rests on.
+        noise_px: standard deviation of a coordinate of the inliers [px].
+        error_px: expected error of its epipolar lines [px].
+        parallax_px: RMS parallax of the inliers relative to a plane [px].
+        affine: whether the affine model (parallel rays) was sufficient.
+    """
+
+    matrix: Floats
+    inliers: Bools
+    noise_px: float
     error_px: float  # expected error of its lines, see `occlog.measure.epipolar.fit.fit_perspective`
-    parallax_px: float  # how far they are from those of a plane
-    affine: bool  # whether parallel rays were enough
+    parallax_px: float
+    affine: bool
 
 
 def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) undistorted pixels of recorded pixels (N, 2)."""
+    """(N, 2) undistorted pixels of recorded pixels (N, 2), by the camera's lens model."""
     normalised = (np.asarray(pixels, dtype=np.float64) - camera.principal_px) / camera.focal_px
     return undistort(normalised, camera.distortion, camera.distortion_model) * camera.focal_px + camera.principal_px
 
 
 def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) undistorted pixels, also of `pixels` outside the image, with the shift of the nearest point at its border.
+    """(N, 2) undistorted pixels of recorded pixels (N, 2), also outside the image.
 
-    A lens model is undefined outside the image, and may have no solution there.
+    Outside, where the lens model may have no solution, the shift is that of the nearest point at the image border.
     """
     p = np.asarray(pixels, dtype=np.float64)
     if camera.image_size is None or camera.straight:
@@ -75,10 +84,10 @@ def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
 
 
 def fundamental_of_cameras(a: Camera, b: Camera) -> Floats:
-    """(3, 3) fundamental matrix, for `ideal_pixels`, of two cameras of a scene.
+    """(3, 3) fundamental matrix from camera a to camera b of a scene, for undistorted pixels (`ideal_pixels`).
 
     Raises:
-        ValueError: a camera's pose is not known, or both are at the same position.
+        ValueError: a camera's pose is unknown, or both are at the same position.
     """
     for camera in (a, b):
         if not camera.placed:
@@ -108,20 +117,19 @@ def estimate_fundamental(
     *,
     min_matches: int = MIN_MATCHES,
 ) -> FundamentalFit:
-    """The fundamental matrix of matches, by random sampling (MAGSAC) and least squares over what agrees.
+    """Estimate the fundamental matrix of matches, by random sampling (MAGSAC) and least squares over the inliers.
 
     Args:
         a: (N, 2) points of view a without distortion [px].
         b: (N, 2) their matches in view b.
-        config: of it `model`, where `auto` means affine unless perspective fits better than by
-            chance (F test at 1 %); `inlier_threshold_px`, the Sampson distance at which a match does not
-            agree initially, which three standard deviations of the noise found replace; and
-            `max_epipolar_error_px`, the expected error of the lines beyond which a matrix is refused.
-        min_matches: fewer matches that agree are refused.
+        config: `model`, where `auto` means affine unless perspective fits significantly better (F test at 1 %);
+            `inlier_threshold_px`, the initial largest Sampson distance of an inlier, later three standard deviations of
+            the noise; `max_epipolar_error_px`, the largest expected error of the lines. None: the defaults.
+        min_matches: minimum number of matches; three quarters of it must be inliers.
 
     Raises:
-        ValueError: the matches are not finite, too few, on a line or a plane, from one position,
-            or do not determine the matrix well enough.
+        ValueError: the matches are not finite, too few, on a line or a plane, from one position, or do not
+            determine the matrix well enough.
     """
     a, b = np.ascontiguousarray(a, dtype=np.float64), np.ascontiguousarray(b, dtype=np.float64)
     config = config or EpipolarConfig()
@@ -167,16 +175,16 @@ def _not_on_a_line(a: Floats, b: Floats, threshold_px: float) -> None:
 
 
 def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float:
-    """Parallax [px] of the inlier matches; ValueError if it is insignificant.
+    """Parallax [px] of the inlier matches relative to one plane; ValueError if it is insignificant.
 
     If all inliers are on one plane, two degrees of freedom are determined by few wrong matches. So enough inliers must
-    be off the plane, and most matches off the plane must be inliers.
+    be off the plane, and a third of the matches off the plane must be inliers.
 
     Args:
         a: (N, 2) points in the first view [px].
         b: (N, 2) their matches in the second view.
-        inliers: (N,) mask.
-        noise: standard deviation of points [px].
+        inliers: (N,) mask of inliers of the fundamental matrix.
+        noise: standard deviation of a coordinate [px].
     """
     parallax = homography_parallax(a[inliers], b[inliers])
     if parallax < PARALLAX * noise:
@@ -196,22 +204,23 @@ def _not_on_a_plane(a: Floats, b: Floats, inliers: Bools, noise: float) -> float
 
 
 def _off_the_plane(a: Floats, b: Floats, noise: float) -> Bools:
-    """(N,) mask of the matches a and b (N, 2) off the plane (or camera rotation) that fits most of them.
+    """(N,) mask of the matches a, b (N, 2) that are off the plane (or camera rotation) that fits most of them.
 
-    `noise` is the standard deviation of points [px].
+    The views may see the plane from the same or from opposite sides. `noise` is the standard deviation of a coordinate
+    [px].
     """
     front, behind = (_off_one_plane(a, b, side, noise) for side in (1.0, -1.0))
     return front if front.sum() <= behind.sum() else behind
 
 
 def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
-    """(N,) mask of the matches a and b (N, 2) off one plane, all of them if none is found.
+    """(N,) mask of the matches that are off the plane that fits most of them; all True if none is found.
 
     Args:
-        a: points in the first view [px].
-        b: their matches in the second view.
+        a: (N, 2) points in the first view [px].
+        b: (N, 2) their matches in the second view.
         side: 1: both views see the same side of the plane; -1: opposite sides.
-        noise: standard deviation of points [px].
+        noise: standard deviation of a coordinate [px].
     """
     mirror = np.array([side, 1.0])
     mapping, _ = cv2.findHomography(a, b * mirror, cv2.USAC_MAGSAC, PARALLAX * noise, maxIters=5_000, confidence=0.9999)
@@ -227,15 +236,15 @@ def _off_one_plane(a: Floats, b: Floats, side: float, noise: float) -> Bools:
 
 
 def _robust(a: Floats, b: Floats, model: str, threshold_px: float) -> tuple[FundamentalMatrixFit, Bools, bool]:
-    """Best fit over its inliers, the mask (N,) of these, and whether it is affine.
+    """Robust fit of a fundamental matrix, the mask (N,) of its inliers, and whether it is affine.
 
     ValueError if no matrix agrees with the matches.
 
     Args:
         a: (N, 2) points in the first view [px].
         b: (N, 2) their matches in the second view.
-        model: `affine`, `perspective`, or the better one of both.
-        threshold_px: largest Sampson distance of an inlier.
+        model: `affine`, `perspective`, or `auto` for the better one.
+        threshold_px: largest Sampson distance of an inlier at first.
     """
     candidates: list[tuple[FundamentalMatrixFit, Bools, bool]] = []
     if model != "affine":
@@ -257,13 +266,15 @@ def _affine_will_do(
     full: tuple[FundamentalMatrixFit, Bools, bool],
     affine: tuple[FundamentalMatrixFit, Bools, bool],
 ) -> bool:
-    """Whether the perspective fit is not significantly better than the affine one with 3 unknowns less.
+    """Whether the perspective fit is not significantly better than the affine one (F test at 1 %, 3 more unknowns).
+
+    With few inliers, or many fewer affine ones, the fit with more inliers is preferred.
 
     Args:
         a: (N, 2) points in the first view [px].
         b: (N, 2) their matches in the second view.
-        full: perspective fit and mask of its inliers.
-        affine: affine fit and mask of its inliers.
+        full: perspective fit, mask of its inliers, False.
+        affine: affine fit, mask of its inliers, True.
     """
     inliers, fit = full[1], full[0]
     n = int(inliers.sum())
@@ -276,7 +287,10 @@ def _affine_will_do(
 
 
 def _magsac(a: Floats, b: Floats, threshold_px: float) -> Floats | None:
-    """(3, 3) matrix by OpenCV's MAGSAC++ (deterministic) of matches a and b (N, 2); None if it finds none."""
+    """(3, 3) fundamental matrix of matches a, b (N, 2) by OpenCV's MAGSAC++ (deterministic); None if none is found.
+
+    `threshold_px` is its inlier threshold.
+    """
     try:
         matrix, _ = cv2.findFundamentalMat(a, b, cv2.USAC_MAGSAC, threshold_px, 0.9999, 10_000)
     except cv2.error:
@@ -287,9 +301,9 @@ def _magsac(a: Floats, b: Floats, threshold_px: float) -> Floats | None:
 
 
 def _sampled_affine(a: Floats, b: Floats, threshold_px: float) -> Floats:
-    """(3, 3) affine matrix of the random four of the matches a and b (N, 2) with most, and nearest, inliers.
+    """(3, 3) affine fundamental matrix: the best of `AFFINE_DRAWS` random sets of 4 matches by truncated squared error.
 
-    The draws are the same each time; `threshold_px` is the largest distance of an inlier.
+    The draws are the same each time; distances of the matches a, b (N, 2) are truncated at `threshold_px`.
     """
     both = np.hstack([b, a])
     rng = np.random.default_rng(0)  # the same sets every time

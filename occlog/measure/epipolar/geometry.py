@@ -24,14 +24,14 @@ def view_geometry(
     Args:
         views: V views, in the order of the result.
         scene: cameras with poses and lenses; views without a camera in it have neither.
-        fundamental: pairs that are known; each comes before the poses of the scene.
+        fundamental: known pairs, which have priority over the poses of the scene.
 
     Returns:
-        Matrices NaN for a view with itself, and for pairs that neither determines.
+        Matrices [j, i] from view j to view i; NaN for a view with itself, and for pairs that neither source determines.
 
     Raises:
-        InputError: a given pair is for pixels without distortion and the scene states no
-            distortion of its cameras, or the other way round.
+        InputError: a given pair is for undistorted pixels and the scene states no distortion of its cameras, or the
+            other way round.
     """
     cameras = [_camera(view.name, scene) for view in views]
     matrices = np.full((len(views), len(views), 3, 3), np.nan)
@@ -46,7 +46,7 @@ def view_geometry(
 
 
 def bends(camera: Camera | None) -> bool:
-    """Whether a camera's lens has distortion, if known."""
+    """Whether a camera's lens has distortion; False if there is no camera."""
     return camera is not None and not camera.straight
 
 

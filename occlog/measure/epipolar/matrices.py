@@ -20,7 +20,11 @@ from .views import TrackedView, ViewGeometry
 
 
 class KnownGeometry(NamedTuple):
-    """Epipolar geometry of the views, with its sources."""
+    """Epipolar geometry of the views, with its sources.
+
+    `sources` names the source of each pair (`view1-view2`): file name, `recording`, `poses` or `none`; `notes` are
+    messages to the user about the file.
+    """
 
     geometry: ViewGeometry
     sources: dict[str, str]  # by pair (`view1-view2`): file name, `recording`, `poses` or `none`
@@ -30,16 +34,16 @@ class KnownGeometry(NamedTuple):
 def known_geometry(
     views: Sequence[TrackedView], recording: McapRecording, given: Scene | None, file: Path | None
 ) -> KnownGeometry:
-    """Epipolar geometry of some views.
+    """Epipolar geometry of some views, from the first source that has a pair.
 
-    The first source that has a pair is used: the file; poses of the given scene; the recording's matrices, unless a
-    file is given; poses of its scene.
+    The sources are: the file; poses of the given scene; the recording's matrices, unless a file is given; poses of the
+    recording's scene, unless one is given.
 
     Args:
-        views: that are used.
-        recording: of the views.
-        given: a scene instead of the recording's.
-        file: with fundamental matrices.
+        views: views that are used.
+        recording: recording of the views.
+        given: scene instead of the recording's.
+        file: file with fundamental matrices.
 
     Raises:
         InputError: no pair of the file is of two of the views.
@@ -61,13 +65,13 @@ def known_geometry(
 
 
 def _without_posed(pairs: ViewPairs, scene: Scene) -> ViewPairs:
-    """Pairs not determined by poses of the scene."""
+    """Select the pairs with a camera that has no pose in the scene."""
     placed = [camera.name for camera in scene.cameras if camera.placed]
     return ViewPairs(tuple(p for p in pairs.pairs if not (p.a in placed and p.b in placed)))
 
 
 def _check_pairs(pairs: ViewPairs, views: Sequence[TrackedView], file: Path) -> tuple[str, ...]:
-    """Note on pairs of other views; InputError if all pairs are of other views."""
+    """Notes on pairs of the file that are not of two of the views; InputError if all are."""
     names = [view.name for view in views]
     others = [f"{p.a}-{p.b}" for p in pairs.pairs if p.a not in names or p.b not in names]
     if len(others) == len(pairs.pairs):

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def run_epipolar(request: EpipolarRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Estimate and write fundamental matrices, or check them; return the summary and earlier losses."""
+    """Estimate and write fundamental matrices, or check them; return the summary and the losses of the inputs."""
     _check_usage(request)
     config = EpipolarConfig(**request.settings)  # type: ignore[arg-type]
     recording = open_recording(request.recording) if request.recording is not None else None
@@ -133,8 +133,8 @@ def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMat
     """Matches between images of two cameras, from a file of matches or from tracks.
 
     Args:
-        request: has the files, and the cameras that are selected; none: all.
-        config: which point of a person is matched.
+        request: has the files, and the names of the selected cameras; none: all.
+        config: its `points` selects the points of a person that are matched.
 
     Raises:
         InputError: no pair of the selected cameras has matches.
@@ -155,7 +155,7 @@ def _matches(request: EpipolarRequest, config: EpipolarConfig) -> tuple[PointMat
 
 
 def _of_tracks(path: Path, points: str) -> tuple[PointMatches, ...]:
-    """Matches from view tracks or true boxes; `points` names the point of a person that is matched."""
+    """Matches from view tracks or true boxes in a file; `points` is `centres`, or `ends` (tops and bottoms)."""
     opened = open_input(path, TruthBoxes, ViewTracks)
     if opened.has(TruthBoxes):
         return matches_of_tracks(opened.rows(TruthBoxes), str(path), points)
@@ -193,7 +193,7 @@ def _warn(pairs: ViewPairs, scene: Scene | None, job: Job) -> None:
 
 
 def _summary(pair: ViewPair) -> dict[str, object]:
-    """Figures of one pair of views for the summary."""
+    """Figures of one pair of views for the summary: its source, and, unless from poses, quality of the fit [px]."""
     out: dict[str, object] = {"source": pair.source, "undistorted": pair.undistorted}
     if pair.source == "calibration":
         return out

@@ -26,15 +26,25 @@ from .geometry import bends
 
 
 class PairCheck(NamedTuple):
-    """Agreement of matches with a fundamental matrix; distances are from epipolar lines."""
+    """Agreement of the matches of two views with a fundamental matrix; distances are from epipolar lines.
+
+    Attributes:
+        a, b: names of the views.
+        matches: number of matches.
+        median_px: median distance [px].
+        most_px: distance that 95 % of the matches do not exceed [px].
+        share: share of the matches with both distances within the tolerance.
+        chance: this share for wrong pairings.
+        fits: whether the matrix fits.
+    """
 
     a: str
     b: str
     matches: int
     median_px: float
-    most_px: float  # at most this of 95 % of the matches
-    share: float  # of the matches with both distances within the tolerance
-    chance: float  # the same of wrong pairings
+    most_px: float
+    share: float
+    chance: float
     fits: bool
 
 
@@ -62,12 +72,12 @@ def estimated_pairs(
     scene: Scene | None = None,
     config: EpipolarConfig | None = None,
 ) -> ViewPairs:
-    """Estimate the pairs of views from their matches, after removal of lens distortion stated in the scene.
+    """Estimate the fundamental matrix of each pair of views from its matches, without lens distortion.
 
     Args:
-        matches: of each pair.
-        scene: cameras with lens that may be known; their poses are not used.
-        config: model, threshold and largest error, see `estimate_fundamental`.
+        matches: matches of each pair, in recorded pixels.
+        scene: cameras with lenses that may be known, to undistort the points; their poses are not used.
+        config: model, threshold and largest error, see `estimate_fundamental`; None: the defaults.
 
     Raises:
         InputError: the matches of a pair do not determine its matrix.
@@ -79,13 +89,16 @@ def estimated_pairs(
 def checked_pairs(
     pairs: ViewPairs, matches: Iterable[PointMatches], scene: Scene | None, tolerance_px: float
 ) -> tuple[PairCheck, ...]:
-    """Agreement of each pair's matches with its matrix.
+    """Check how well each pair's matches agree with its fundamental matrix.
 
-    `scene` has the lenses; None: points are without distortion. Errors up to `tolerance_px` agree.
+    Args:
+        pairs: known fundamental matrices.
+        matches: matches of each pair, in recorded pixels.
+        scene: cameras with lenses, to undistort the points; None: points are without distortion.
+        tolerance_px: largest distance from an epipolar line of a match that agrees.
 
     Raises:
-        InputError: no matrix is known of a pair that has matches, it is for other pixels, or
-            the matches are too few to determine one.
+        InputError: no matrix is known of a pair that has matches, it is for other pixels, or the matches are too few.
     """
     return tuple(_checked(pairs, m, scene, tolerance_px) for m in matches)
 
@@ -143,9 +156,9 @@ def _checked(pairs: ViewPairs, m: PointMatches, scene: Scene | None, tolerance_p
 
 
 def _ideal(m: PointMatches, scene: Scene | None) -> tuple[Floats, Floats, bool]:
-    """Points (N, 2) of both views without lens distortion [px], and whether there was any.
+    """Points (N, 2) of both views without lens distortion [px], and whether distortion was removed.
 
-    Without a scene there is none.
+    Without a scene the points are unchanged. InputError for a camera that the scene does not have.
     """
     cameras = [None if scene is None else _camera(scene, name, m.where) for name in (m.a, m.b)]
     points = [
@@ -173,14 +186,14 @@ VISIBLE = 0.8
 def matches_of_tracks(
     chunks: Iterable[ViewTracks] | Iterable[TruthBoxes], where: str, points: str = "centres", window_ns: int = 0
 ) -> tuple[PointMatches, ...]:
-    """Points of the same target at the same time in two views, for each pair of views.
+    """Match points of the same target at the same time in two views, for each pair of views.
 
     Args:
-        chunks: in the order of time.
-        where: what they come from, for messages.
+        chunks: view tracks or true boxes in the order of time.
+        where: source, for messages.
         points: `centres`, or `ends`, the tops and the bottoms.  People's middles are all at about one
             height, so that their centres are on a plane and determine no matrix; their heads and feet do.
-        window_ns: rows at most so far apart are of one time, unless a view reports twice.
+        window_ns: rows at most this far apart [ns] are of one time, unless a view reports twice.
     """
     sides = (-1, 1) if points == "ends" else (0,)
     samples: dict[tuple[str, str], _Sample] = {}
@@ -195,9 +208,11 @@ def matches_of_tracks(
 
 @dataclass
 class _Sample:
-    """Random sample of time steps with their matches, at most about twice `MAX_MATCHES`.
+    """Random sample of time steps with their matches, at most about twice `MAX_MATCHES` in memory.
 
     Whole time steps are sampled, since regular sampling of ordered matches would select the same targets or ends.
+    Each time step draws a number in [0, 1) and is kept if it is below `share`; `kept` has the numbers and matches,
+    `size` counts these.
     """
 
     kept: list[tuple[float, Floats]] = field(default_factory=list)  # (lot, matches) of each time step
@@ -206,9 +221,9 @@ class _Sample:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
 
     def add(self, block: Floats) -> None:
-        """Add the matches `block` (N, 2, 2: view, coordinate) of a time step, if it is drawn.
+        """Add the matches `block` (N, 2 views, 2 coordinates) [px] of a time step, if it is drawn.
 
-        A random share of time steps is; it is halved when too many matches are kept.
+        `share`, the probability of that, is halved when too many matches are kept.
         """
         lot = float(self.rng.random())
         if lot < self.share:
@@ -220,7 +235,10 @@ class _Sample:
             self.size = sum(len(block) for _, block in self.kept)
 
     def matches(self, a: str, b: str, where: str) -> PointMatches:
-        """Kept matches of views a and b, at most `MAX_MATCHES`, but at least one time step; `where` is for messages."""
+        """Return the sampled matches of views a and b: at most `MAX_MATCHES`, but at least one time step.
+
+        `where` is their source, for messages.
+        """
         lots = np.array([lot for lot, _ in self.kept])
         order = np.argsort(lots)
         sizes = np.cumsum([len(self.kept[k][1]) for k in order])
@@ -236,7 +254,10 @@ ViewDetections = dict[str, Shown]
 
 
 def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> Iterator[ViewDetections]:
-    """Group detections of the views, at rising times [ns], within `window_ns`, each view at one time."""
+    """Group detections of the views, given with rising times [ns], to time steps of at most `window_ns` [ns].
+
+    A view has one time in a step.
+    """
     step: ViewDetections = {}
     begin = 0
     for t_ns, shown in times:
@@ -251,7 +272,7 @@ def _time_steps(times: Iterable[tuple[int, ViewDetections]], window_ns: int) -> 
 
 
 def _times(chunks: Iterable[ViewTracks] | Iterable[TruthBoxes]) -> Iterator[tuple[int, ViewDetections]]:
-    """Generate time [ns] and detections of each view, independent of chunk borders."""
+    """Generate each time [ns] with its detections by view and target; independent of chunk borders."""
     shown: ViewDetections = {}
     last = 0
     for chunk in chunks:

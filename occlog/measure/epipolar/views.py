@@ -9,7 +9,7 @@ from occlog.array_types import Floats
 
 
 class TrackedView(NamedTuple):
-    """A camera with images in which targets are tracked."""
+    """A camera with images, `width` x `height` [px], in which targets are tracked."""
 
     name: str
     width: int  # of its images [px]
@@ -20,9 +20,9 @@ class ViewGeometry(NamedTuple):
     """Epipolar geometry of V views.
 
     Attributes:
-        fundamental: (V, V, 3, 3); [a, b] maps a point of view a to its line in view b (b' F a = 0, see
-            `occlog.core.geometry.fundamental`), for pixels without distortion; NaN where it is not known.
-        ideal: for each view what takes recorded pixels (N, 2) to pixels without distortion; None: they are the same.
+        fundamental: (V, V, 3, 3); [a, b] maps a point of view a to its line in view b (b' F a = 0), for undistorted
+            pixels; NaN where unknown.
+        ideal: for each view the function from recorded to undistorted pixels (N, 2); None: they are equal.
     """
 
     fundamental: Floats

@@ -41,14 +41,23 @@ CAUSES = (
 
 
 class FusionDecisions(NamedTuple):
-    """Global decision at each time, and the classification of each local detection."""
+    """Global decision of [Lee] Ch. 4 at each of N times, and what becomes of each detection of J cameras.
 
-    declared: Bools  # (N,) an object is there (G_1)
-    value: Floats  # (N,) decision value, natural log
-    xy: Floats  # (N, 2) global position; NaN where no detection was used
-    prior: Floats  # (N,) P_1
-    quality: Floats  # (N, J) W of each detection; NaN if missing
-    cause: Codes  # (N, J) see CAUSES
+    Attributes:
+        declared: (N,) whether an object is declared (hypothesis G_1).
+        value: (N,) natural-log odds of its presence (Eq. 4.13).
+        xy: (N, 2) global position in scene units; NaN where no detection was used.
+        prior: (N,) prior probability P_1 of its presence.
+        quality: (N, J) quality W of each detection, 0 to 1; NaN without detection.
+        cause: (N, J) index into `CAUSES`.
+    """
+
+    declared: Bools
+    value: Floats
+    xy: Floats
+    prior: Floats
+    quality: Floats
+    cause: Codes
 
     @property
     def kept(self) -> Bools:
@@ -62,17 +71,22 @@ class FusionDecisions(NamedTuple):
 
     @property
     def removed(self) -> Bools:
-        """(N, J) mask of removed local detections; for cause REMOVED_FAR they are replaced by the global position."""
+        """(N, J) mask of removed detections: no object is declared, or they are beyond the gate of its global position.
+
+        With the cause REMOVED_FAR the camera still gets the global position of the declared object as its detection.
+        """
         return np.asarray((self.cause == REMOVED_FALSE) | (self.cause == REMOVED_FAR))
 
 
 def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
-    """(N, J) quality W in [0, 1] of local detections; NaN if missing ([Lee] Eq. 4.20).
+    """(N, J) quality W in [0, 1] of local detections: Gaussian weight by distance from the prediction ([Lee] Eq. 4.20).
+
+    NaN without detection; 1/2, which states nothing, where the prediction is unknown.
 
     Args:
-        positions: (N, J, 2) ground positions of the local detections, NaN where missed.
-        predicted: (N, 2) predicted position.  NaN: not known; every detection then has W = 1/2, which states nothing.
-        sigma: spread of the position about the prediction [length], > 0.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
+        predicted: (N, 2) predicted ground positions; NaN: unknown.
+        sigma: standard deviation of detections from the prediction [length], > 0.
     """
     weight = np.exp(-_exponent(positions, predicted[:, None, :], sigma))
     known = _detected(predicted)[:, None]
@@ -80,15 +94,15 @@ def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
 
 
 def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats:
-    """(N, 2) mean of the detections weighted by quality; NaN with no detection ([Lee] Eq. 4.22).
+    """(N, 2) mean of the detections weighted by quality W; NaN with no detection ([Lee] Eq. 4.22).
 
-    The weights are relative to the largest, so that they do not all underflow for distant detections. Without a
-    prediction (NaN) the weights are equal.
+    Weights are computed relative to the largest of the time, so that they do not all underflow for distant detections.
+    Where the prediction is NaN the weights are equal.
 
     Args:
-        positions: (N, J, 2) detections of J cameras; NaN: none.
-        predicted: (N, 2) predictions.
-        sigma: standard deviation of detections from the prediction.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
+        predicted: (N, 2) predicted ground positions; NaN: unknown.
+        sigma: standard deviation of detections from the prediction [length], > 0.
     """
     detected = _detected(positions)
     exponent = np.where(detected, np.nan_to_num(_exponent(positions, predicted[:, None, :], sigma)), np.inf)
@@ -102,12 +116,12 @@ def fused_position(positions: Floats, predicted: Floats, sigma: float) -> Floats
 def prior_present(fused: Floats, predicted: Floats, sigma: float, edge: float = EDGE) -> Floats:
     """(N,) prior probability P_1 = w(n) that the object is present, in [edge, 1 - edge] ([Lee] Eqs. 4.23-4.24).
 
-    If either position is NaN, P_1 = 1/2.
+    It is the Gaussian weight of the distance between both positions; 1/2 if one of them is NaN.
 
     Args:
         fused: (N, 2) global position.
         predicted: (N, 2) predicted position.
-        sigma: spread of the position about the prediction [length], > 0.
+        sigma: standard deviation of detections from the prediction [length], > 0.
         edge: distance kept from 0 and 1, where P_1 / P_0 would be 0 or infinite.
     """
     weight = np.exp(-_exponent(fused, predicted, sigma))
@@ -124,20 +138,20 @@ def decision_value(
     base: float = math.e,
     edge: float = EDGE,
 ) -> Floats:
-    """(N,) log-likelihood ratio; above 0 the object is declared ([Lee] Eq. 4.13).
+    """(N,) log odds that an object is present, by qualities of detections; above 0 it is declared ([Lee] Eq. 4.13).
 
     A detection contributes log (1 - P_M)/P_F, the correct form of Eq. 4.11, where the thesis prints (1 - P_F)/P_F.
     Probabilities are clipped to [edge, 1 - edge], so that terms are finite. Without cameras the prior decides.
 
     Args:
-        detected: (N, J) the camera detected an object.
-        qualities: (N, J) W; not used (may be NaN) where nothing was detected.
-        prior: P_1, one number or (N,).
-        p_miss: P_M, one number or (J,) or (N, J).
-        p_false: P_F, likewise.
-        observing: (N, J) false = the camera has no part in it.  None: all observed.
-        base: of the logarithm; 10 for the values of the case studies.
-        edge: distance kept from 0 and 1.
+        detected: (N, J) mask of detections.
+        qualities: (N, J) quality W of each detection; ignored where nothing was detected.
+        prior: P_1, probability that an object is present, one number or (N,).
+        p_miss: P_M, probability of a missed detection, one number, (J,) or (N, J).
+        p_false: P_F, probability of a false alarm, one number, (J,) or (N, J).
+        observing: (N, J) mask of cameras that count; None: all.
+        base: base of the logarithm; 10 for the values of the thesis' case studies.
+        edge: distance of probabilities from 0 and 1.
     """
     weight = _log_odds(np.where(detected, qualities, 0.5), edge)
     return weighted_value(detected, weight, prior, p_miss, p_false, observing=observing, edge=edge) / math.log(base)
@@ -153,18 +167,19 @@ def weighted_value(
     observing: Bools | None = None,
     edge: float = EDGE,
 ) -> Floats:
-    """(N,) prior log odds plus the terms of all cameras (natural log).
+    """(N,) natural-log odds that an object is present: prior log odds plus one term for each of J cameras.
 
-    With weight 0 it is [Lee] Eq. 4.3, with log W/(1 - W) Eq. 4.13.
+    A detection adds log (1 - P_M)/P_F + weight, a miss log P_M/(1 - P_F). With weight 0 this is [Lee] Eq. 4.3, with
+    weight log W/(1 - W) Eq. 4.13. Above 0 the object is declared.
 
     Args:
-        detected: (N, J) detections of J cameras.
-        weight: (N, J) added for detections.
-        prior: probability of an object.
-        p_miss: of a missed detection, for each camera or one for all.
-        p_false: of a false alarm, likewise.
-        observing: (N, J) cameras that count; None: all.
-        edge: probabilities are limited to [edge, 1 - edge].
+        detected: (N, J) mask of detections.
+        weight: (N, J) log odds added for each detection; ignored where nothing was detected.
+        prior: probability that an object is present, one number or (N,).
+        p_miss: P_M, probability of a missed detection, one number, (J,) or (N, J).
+        p_false: P_F, probability of a false alarm, one number, (J,) or (N, J).
+        observing: (N, J) mask of cameras that count; None: all.
+        edge: probabilities are clipped to [edge, 1 - edge].
     """
     miss, false = (np.clip(np.asarray(p, dtype=np.float64), edge, 1.0 - edge) for p in (p_miss, p_false))
     hit_term = np.log1p(-miss) - np.log(false) + weight
@@ -192,16 +207,16 @@ def fuse(
     with equal priors.
 
     Args:
-        positions: (N, J, 2) ground positions of the local detections, NaN where missed.
-        predicted: (N, 2) predicted position, NaN where not known.
-        sigma: spread of the position about the prediction [length], > 0.
-        p_miss: P_M, one number or (J,) or (N, J).
-        p_false: P_F, likewise.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
+        predicted: (N, 2) predicted ground positions; NaN: unknown.
+        sigma: standard deviation of detections from the prediction [length], > 0.
+        p_miss: P_M, probability of a missed detection, one number, (J,) or (N, J).
+        p_false: P_F, probability of a false alarm, one number, (J,) or (N, J).
         gate: a detection farther than this from the global position of a declared object is removed [length].
-        observing: (N, J) false = the camera has no part in it, its positions neither.  None: all observed.
-        reach: a detection farther than this from the predicted position counts as missed in the decision and in
-            the global position [length].  Infinite as in the thesis, where one far detection can outvote many
-            good ones, because its log W/(1 - W) has no lower bound.
+        observing: (N, J) mask of cameras that count; detections of others are ignored. None: all.
+        reach: a detection farther than this from the predicted position counts as missed in the decision and in the
+            global position [length]. Infinite as in the thesis, where one far detection can outvote many good ones,
+            because its log W/(1 - W) has no lower bound.
     """
     took_part = np.ones(positions.shape[:2], dtype=np.bool_) if observing is None else observing
     local = np.where(took_part[..., None], positions, np.nan)
@@ -217,14 +232,14 @@ def fuse(
 
 
 def _causes(positions: Floats, xy: Floats, declared: Bools, observing: Bools, gate: float) -> Codes:
-    """(N, J) classification of each local detection (index in CAUSES).
+    """(N, J) index into `CAUSES` for each camera at each time, as int8.
 
     Args:
-        positions: (N, J, 2) detections of J cameras; NaN: none.
+        positions: (N, J, 2) ground positions detected by J cameras; NaN: none.
         xy: (N, 2) global positions.
-        declared: (N,) an object is declared.
-        observing: (N, J) cameras that count.
-        gate: detections farther from the global position are removed.
+        declared: (N,) mask of times at which an object is declared.
+        observing: (N, J) mask of cameras that take part.
+        gate: detections farther than this from the global position are removed [length].
     """
     far = _distance(positions, xy[:, None, :]) > gate
     if_declared = np.where(_detected(positions), np.where(far, REMOVED_FAR, KEPT), RECOVERED)
@@ -240,7 +255,7 @@ def _log_odds(p: Floats, edge: float) -> Floats:
 
 
 def _exponent(a: Floats, b: Floats, sigma: float) -> Floats:
-    """(...) squared distances of positions a and b (..., 2), over 2 sigma^2."""
+    """Exponents |a - b|^2 / (2 sigma^2) of Gaussian weights, for positions a and b (..., 2); shape (...)."""
     return np.asarray(((a - b) ** 2).sum(axis=-1) / (2.0 * sigma**2))
 
 
@@ -249,7 +264,7 @@ def _distance(a: Floats, b: Floats) -> Floats:
 
 
 def _detected(positions: Floats) -> Bools:
-    """Mask of positions with finite coordinates."""
+    """Mask of shape (...) of positions (..., 2) with finite coordinates."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
@@ -258,17 +273,24 @@ NEAREST = 1e-6
 
 
 class LocalDirections(NamedTuple):
-    """R local detections as directions from sensors, some with distances."""
+    """R local detections as lines of sight on the ground, some with the distance of the object.
 
-    sensor: Ints  # (R,) which sensor
-    origin: Floats  # (R, 2)
-    azimuth: Floats  # (R,) [rad]
-    sigma: Floats  # (R,) [rad], > 0
-    distance: Floats  # (R,) along the ground; NaN: not known
-    sigma_distance: Floats  # (R,)
+    Attributes:
+        sensor: (R,) index of the sensor.
+        origin: (R, 2) its ground position.
+        azimuth, sigma: (R,) azimuth in the world and its standard deviation, above 0 [rad].
+        distance, sigma_distance: (R,) distance along the ground and its standard deviation [length]; NaN: unknown.
+    """
+
+    sensor: Ints
+    origin: Floats
+    azimuth: Floats
+    sigma: Floats
+    distance: Floats
+    sigma_distance: Floats
 
     def take(self, rows: Ints | Bools) -> LocalDirections:
-        """Select directions by a mask or indices."""
+        """The directions of a mask or of indices."""
         return LocalDirections(
             sensor=self.sensor[rows],
             origin=self.origin[rows],
@@ -280,18 +302,20 @@ class LocalDirections(NamedTuple):
 
 
 class PositionWithCovariance(NamedTuple):
-    """A position on the ground with its covariance."""
+    """Position (2,) on the ground with its covariance (2, 2), in the scene's length unit."""
 
     xy: Floats  # (2,)
     cov: Floats  # (2, 2)
 
 
 def deviations(sight: LocalDirections, position: PositionWithCovariance) -> tuple[Floats, Floats]:
-    """Offsets of local detections from a position, and their variances (without the position's).
+    """Offsets of R lines of sight from a position on the ground, and the variances of the lines themselves.
+
+    The covariance of the position is not used.
 
     Returns:
-        (R, 2) offsets across and along each line; across is infinite for a line that points away, along is 0
-        where the distance is not known.  (R, 2) variances of the two.
+        (R, 2) offsets across and along each line [length]; across is infinite for a line that points away from the
+        position, along is 0 where the distance is unknown. (R, 2) variances of both [length^2].
     """
     away = position.xy - sight.origin
     r = np.maximum(np.hypot(away[:, 0], away[:, 1]), NEAREST)
@@ -305,9 +329,10 @@ def deviations(sight: LocalDirections, position: PositionWithCovariance) -> tupl
 
 
 def misfit(sight: LocalDirections, position: PositionWithCovariance, extra: float = 0.0) -> Floats:
-    """(R,) squared Mahalanobis distance of local detections from a position; `extra`: additional variance [length^2].
+    """(R,) squared Mahalanobis distances of R local detections from a position on the ground.
 
-    One degree of freedom for a line, two with known distance.
+    Chi-square with one degree of freedom for a line of sight, two for one with a known distance; infinite for a line
+    that points away. The covariances of detection and position are added, and `extra` [length^2] on both axes.
     """
     offset, variance = deviations(sight, position)
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
@@ -325,11 +350,14 @@ def misfit(sight: LocalDirections, position: PositionWithCovariance, extra: floa
 
 
 def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance | None:
-    """Intersection of lines; or else the mean of those with a distance; None without either.
+    """Position with covariance from the local detections of one object; None if they determine none.
+
+    The intersection of the lines of sight (Gaussian errors) where they intersect; otherwise the inverse-covariance
+    weighted mean of the detections with a known distance.
 
     Args:
-        sight: of one object.
-        min_crossing: lines that cross at smaller angles do not meet [rad].
+        sight: local detections of one object.
+        min_crossing: lines that cross at smaller angles do not intersect [rad].
     """
     rows = np.array([0, len(sight.azimuth)])
     found = triangulate(sight.origin, sight.azimuth, sight.sigma, rows, "gauss", min_crossing)
@@ -345,7 +373,7 @@ def meet(sight: LocalDirections, min_crossing: float) -> PositionWithCovariance 
 
 
 def points(sight: LocalDirections) -> tuple[Floats, Floats]:
-    """(R, 2) positions of local detections with distances, and their covariances (R, 2, 2)."""
+    """Ground positions (R, 2) of R local detections with known distances, and their covariances (R, 2, 2)."""
     c, s = np.cos(sight.azimuth), np.sin(sight.azimuth)
     xy = sight.origin + sight.distance[:, None] * np.column_stack([c, s])
     across, along = (sight.distance * sight.sigma) ** 2, sight.sigma_distance**2
@@ -355,7 +383,10 @@ def points(sight: LocalDirections) -> tuple[Floats, Floats]:
 
 
 class MotionEstimate(NamedTuple):
-    """State of a target with nearly constant velocity: x, y, vx, vy and covariance."""
+    """State x, y, vx, vy of an object on the ground with nearly constant velocity, at the time `t_ns` [ns].
+
+    Mean (4,) and covariance (4, 4), in the scene's length unit and seconds.
+    """
 
     t_ns: int
     mean: Floats  # (4,)
@@ -375,7 +406,10 @@ def begin(t_ns: int, position: PositionWithCovariance, speed: float) -> MotionEs
 
 
 def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstimate:
-    """Predict to the time `t_ns` [ns] ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
+    """Predict the motion of an object to the time `t_ns` [ns] by nearly constant velocity ([Lee] Eq. 4.19).
+
+    `acceleration` is the spectral density of white acceleration noise [length^2/s^3].
+    """
     dt = (t_ns - motion.t_ns) * 1e-9
     step = np.eye(4)
     step[0, 2] = step[1, 3] = dt
@@ -384,14 +418,14 @@ def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstim
 
 
 def corrected_by_place(motion: MotionEstimate, position: PositionWithCovariance) -> MotionEstimate:
-    """Kalman update of the motion of an object by a measured position."""
+    """Kalman update of the motion of an object by a position measured at the time of the state."""
     return _corrected(motion, np.eye(2, 4), position.xy - motion.mean[:2], position.cov)
 
 
 def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionEstimate:
-    """Kalman update of the motion of an object by lines of sight, one after the other; their distances are not used.
+    """Kalman update of the motion of an object by lines of sight measured at its time, one after the other.
 
-    Lines that point away from the object are omitted.
+    Distances of the detections are not used. Lines that point away from the object are omitted.
     """
     for row in range(len(sight.azimuth)):
         offset, variance = deviations(sight.take(np.array([row])), motion.position)
@@ -404,10 +438,10 @@ def corrected_by_line(motion: MotionEstimate, sight: LocalDirections) -> MotionE
 
 
 def _corrected(motion: MotionEstimate, H: Floats, innovation: Floats, R: Floats) -> MotionEstimate:
-    """Kalman update (Joseph form) of x, y, vx, vy.
+    """Kalman update (Joseph form) of the state x, y, vx, vy; its time is unchanged.
 
     Args:
-        motion: before.
+        motion: predicted state.
         H: (m, 4) measurement matrix.
         innovation: (m,) measured minus predicted.
         R: (m, m) covariance of the measurement.

@@ -44,7 +44,11 @@ SAMPLES = 16
 
 
 class ObjectMemory(NamedTuple):
-    """State of an object after previous time steps."""
+    """What is kept of an object between time steps: its motion, if known, and two counts of time steps.
+
+    `absent`: consecutive time steps without a declaration. `met`: time steps at which the detections of two or more
+    cameras agreed on it; from `CONFIRMATION_STEPS` on the prediction of the motion is used.
+    """
 
     motion: MotionEstimate | None = None
     absent: int = 0  # time steps in a row without a declaration
@@ -52,20 +56,29 @@ class ObjectMemory(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """Decision about one object at one time step."""
+    """Decision about one object at one time step, from R local detections.
+
+    Attributes:
+        declared: whether the object is declared present.
+        value: natural-log odds of its presence ([Lee] Eq. 4.13).
+        position: global position; None without a declared object, or where a lone line of sight gives none.
+        kept: (R,) mask of the detections that are kept.
+        missed: indices of the cameras with a frame that see the position and have no kept detection.
+        memory: memory of the object for the next time step.
+    """
 
     declared: bool
-    value: float  # of Eq. 4.13, natural log
+    value: float
     position: (
         PositionWithCovariance | None
     )  # global position of a declared object; None: a lone line states no position
-    kept: Bools  # (R,) local detections that are kept
-    missed: Ints  # indices in `cameras` of those with a frame that see the position and have no kept detection
+    kept: Bools
+    missed: Ints
     memory: ObjectMemory
 
     @property
     def at(self) -> PositionWithCovariance:
-        """Global position of a decision that has one (as has every decision with missed cameras)."""
+        """Global position of the decision; ValueError if it has none. A decision with missed cameras always has one."""
         if self.position is None:
             raise ValueError("the decision states no position")
         return self.position
@@ -74,14 +87,14 @@ class Decision(NamedTuple):
 def decide(
     memory: ObjectMemory, t_ns: int, sight: LocalDirections, observing: Ints, cameras: PlacedCameras, config: FuseConfig
 ) -> Decision:
-    """Decide whether an object is there, which detections of it are kept, and which cameras missed it.
+    """Decide whether an object is there, which of its detections are kept, and which cameras missed it ([Lee] Ch. 4).
 
     Args:
-        memory: of the object.
-        t_ns: the time step, after the memory's.
-        sight: local detections of it, at most one a camera; `sensor` is an index in `cameras`.
-        observing: indices in `cameras` of the cameras that delivered a frame, rising.
-        cameras: those with a pose.
+        memory: state of the object after the time steps before; empty for a new object.
+        t_ns: time of the step [ns], later than the memory's.
+        sight: R local detections of this object, at most one per camera; `sensor` is an index into `cameras`.
+        observing: sorted indices into `cameras` of the cameras that delivered a frame.
+        cameras: calibrated cameras with their probabilities of misses and false alarms.
         config: settings in the scene's unit.
     """
     # Predict ([Lee] Eq. 4.19); a prediction counts once cameras met in the object often enough.
@@ -127,16 +140,16 @@ def decide(
 def agreeing(
     sight: LocalDirections, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> Ints:
-    """Select those of the detections `rows` that determine the global position; empty if they determine none.
+    """Select from the detections `rows` those that determine the global position; empty if they determine none.
 
-    These are the lines that intersect at one position; without an intersection, the one nearest to the prediction;
-    without a prediction, one with known distance and those that agree with it.
+    These are the lines that intersect at one position; without an intersection, the line nearest to the prediction;
+    without a prediction, the largest set that agrees with one detection of known distance.
 
     Args:
-        sight: all detections of the time step.
-        rows: indices of those that may be of the object.
-        motion: prediction; None: there is none.
-        cameras: where they stand.
+        sight: local detections of one object at one time step.
+        rows: indices into `sight` of the candidates.
+        motion: motion predicted to this time; None: unknown.
+        cameras: give the region in which objects can be.
         config: gate, and smallest angle of an intersection.
     """
     if len(rows) > 1:
@@ -157,9 +170,10 @@ def agreeing(
 def _intersection(
     sight: LocalDirections, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
 ) -> PositionWithCovariance | None:
-    """Position where most lines intersect (on ties the nearest to the prediction); None without an intersection.
+    """Position where most lines of sight intersect, on ties the nearest to the prediction; None if none intersect.
 
-    `sight` are the lines, `motion` is the prediction, if any.
+    All lines are tried first, with a chi-square limit on their residuals; if they disagree, subsets within the gate.
+    `motion` is the prediction of the object, None if unknown; `cameras` gives the region in which it can be.
     """
     crossing = math.radians(config.min_triangulation_angle_deg)
     everything = triangulate(
@@ -183,9 +197,11 @@ def _intersection(
 def _locate(
     motion: MotionEstimate | None, t_ns: int, sight: LocalDirections, config: FuseConfig
 ) -> tuple[PositionWithCovariance, MotionEstimate]:
-    """Global position at `t_ns` [ns] from the detections `sight` that determine it, and the updated motion.
+    """Global position of an object at `t_ns` [ns], and its motion updated by it.
 
-    `motion` is predicted to this time; None: the object is new.
+    Where `sight` gives no position of its own, the prediction is updated by its lines, and its position is returned.
+    `motion` is predicted to this time; None: the object is new, and its motion starts with zero velocity.
+    Raises AssertionError if a new object has detections without a position.
     """
     position = meet(sight, math.radians(config.min_triangulation_angle_deg))
     if motion is None:
@@ -206,14 +222,17 @@ def _predicted_object(
     memory: ObjectMemory,
     config: FuseConfig,
 ) -> tuple[MotionEstimate, int]:
-    """Motion and hit count of a tentative object that is detected again, or of a new one.
+    """Motion and number of agreeing time steps of an object that is not confirmed yet, after one more global position.
+
+    Within the detection gate of the prediction the motion is updated and the number is one larger; otherwise the
+    detections are of a new object, with number 1.
 
     Args:
-        held: motion of the tentative object, predicted.
-        new: motion of a new object.
+        held: motion predicted to this time.
+        new: motion of a new object at the global position.
         position: global position of the detections.
-        memory: has the hit count before.
-        config: gate and noise.
+        memory: holds the number of agreeing time steps so far.
+        config: gate and standard deviation of the prediction.
     """
     away = position.xy - held.mean[:2]
     spread = held.position.cov + position.cov + config.sigma_prediction**2 * np.eye(2)
@@ -223,15 +242,19 @@ def _predicted_object(
 
 
 def _across(sight: LocalDirections, position: PositionWithCovariance) -> Floats:
-    """(R,) distances of lines from a position in standard deviations; distances along the lines are not used."""
+    """(R,) absolute distances of lines of sight from a position in standard deviations; infinite if pointing away.
+
+    Measured across the lines; known distances along them are ignored.
+    """
     nothing = np.full(len(sight.azimuth), np.nan)
     return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), position))
 
 
 def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, sigma2: float) -> float:
-    """P_1 of [Lee] Eqs. 4.23-4.24, 0 to 1, by the distance of the position from the prediction.
+    """Prior probability P_1 that an object is present, by its distance from the prediction ([Lee] Eqs. 4.23-4.24).
 
-    The prediction's covariance is added to the spread `sigma2`.
+    exp(-d^2 / 2), in (0, 1], with the squared Mahalanobis distance d^2 of the global position under the covariance
+    of the prediction plus `sigma2` [length^2] on both axes.
     """
     away = position.xy - predicted.xy
     spread = predicted.cov + sigma2 * np.eye(2)
@@ -241,14 +264,17 @@ def _prior(position: PositionWithCovariance, predicted: PositionWithCovariance, 
 def _nothing(
     motion: MotionEstimate | None, memory: ObjectMemory, kept: Bools, value: float, config: FuseConfig
 ) -> Decision:
-    """Decision without an object; a prediction without recent detections is dropped, a new one at once.
+    """Decision that no object is declared.
+
+    The memory keeps the prediction with one more absent time step, or is empty without a prediction or after
+    `max_coasting_steps` of them.
 
     Args:
-        motion: prediction; None: there is none.
-        memory: of the object.
-        kept: mask of detections that stay.
-        value: log odds of the decision.
-        config: how long predictions are kept.
+        motion: motion of a confirmed object predicted to this time; None: none.
+        memory: state of the object before.
+        kept: (R,) mask of detections to keep.
+        value: natural-log odds of the object's presence.
+        config: settings, of which `max_coasting_steps` is used.
     """
     absent = memory.absent + 1
     after = (
@@ -262,10 +288,12 @@ def _nothing(
 def _single_line_updates(
     sight: LocalDirections, observing: Ints, cameras: PlacedCameras, config: FuseConfig
 ) -> Decision:
-    """Decision without a global position: each line is decided by the cameras that see at least half of it.
+    """Decision about lines of sight that determine no position: each line is accepted or rejected by itself.
 
-    Detections of other cameras support a line if they intersect it. `observing` are the indices of the cameras that
-    have a frame.
+    `SAMPLES` positions are tried along a line. Cameras that see at least half of them count; those with a detection
+    that agrees with one of them confirm, the others count as misses ([Lee] Eq. 4.3, equal priors). Declared if a
+    line is kept; no position, no missed cameras, an empty memory. `observing` are the indices of the cameras that
+    delivered a frame.
     """
     kept = np.zeros(len(sight.azimuth), dtype=np.bool_)
     values = np.empty(len(kept))
@@ -282,11 +310,17 @@ def _single_line_updates(
 
 
 class CandidateDecisions(NamedTuple):
-    """Decisions about the candidates at one time step."""
+    """Decisions about the unlabelled candidates of one time step.
 
-    objects: list[ObjectMemory]  # those that stay tracked
-    decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
-    unassigned: Ints  # rows of candidates of no declared object
+    Attributes:
+        objects: memories of the objects that stay tracked.
+        decisions: pairs of a decision and the rows of the candidates that it is about.
+        unassigned: rows of the candidates that no decision keeps.
+    """
+
+    objects: list[ObjectMemory]
+    decisions: list[tuple[Decision, Ints]]
+    unassigned: Ints
 
 
 def fuse_candidates(
@@ -298,17 +332,18 @@ def fuse_candidates(
     cameras: PlacedCameras,
     config: FuseConfig,
 ) -> CandidateDecisions:
-    """Decide about the known objects, then about objects formed by the other candidates.
+    """Decide which objects are present at one time step, from detections without labels ([Lee] Ch. 4).
 
-    A candidate is used for one object at most.
+    First about each tracked object with the candidates near its prediction, then about groups of the other candidates,
+    which may be new objects. A candidate is kept for one object at most.
 
     Args:
-        objects: with a motion each, at earlier time steps.
-        t_ns: the time step.
-        sight: of all rows.
-        rows: those of the time step's candidates.
-        observing: cameras that delivered a frame, rising.
-        cameras: those with a pose.
+        objects: memories of the tracked objects, each with a motion, after earlier time steps.
+        t_ns: time of the step [ns].
+        sight: detections of a part of the recording, as bearings or positions of single cameras.
+        rows: indices into `sight` of the candidates of this time step.
+        observing: sorted indices of the cameras that delivered a frame.
+        cameras: calibrated cameras.
         config: settings in the scene's unit.
     """
     # Decide about known objects with the candidates assigned to each.
@@ -334,9 +369,9 @@ def fuse_candidates(
 def _shared_out(
     objects: Sequence[ObjectMemory], t_ns: int, sight: LocalDirections, rows: Ints, config: FuseConfig
 ) -> list[Ints]:
-    """Rows assigned to each object at `t_ns` [ns]: at most one per camera, within reach of the prediction.
+    """Assign candidates to tracked objects at `t_ns` [ns], one to one in each camera within the detection gate.
 
-    `rows` are indices in `sight` of the candidates.
+    `rows` are indices into `sight` of the candidates. Returns sorted indices into `sight` for each object.
     """
     out: list[list[int]] = [[] for _ in objects]
     if objects and len(rows):
@@ -357,10 +392,10 @@ def _off(memory: ObjectMemory, t_ns: int, sight: LocalDirections, config: FuseCo
 
 
 def _groups(sight: LocalDirections, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
-    """Generate groups of candidates, as indices in `sight`, that may be of one object.
+    """Generate groups of candidates, as arrays of indices into `sight`, that may be of one object each.
 
-    First those of `rows` that intersect, the largest groups first; then those with coincident feet; then the rest, one
-    by one.
+    First groups of the candidates `rows` with intersecting lines, the largest first; then those with coincident feet on
+    the floor; then each remaining one alone. A group has at most one candidate per camera.
     """
     left = rows
     for position in [*_intersections(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
@@ -389,9 +424,9 @@ def _standing(sight: LocalDirections) -> list[PositionWithCovariance]:
 
 
 def _nearest(sight: LocalDirections, rows: Ints, position: PositionWithCovariance, gate: float) -> Ints:
-    """Those of `rows` (indices in `sight`) near a position, the nearest of each camera, sorted.
+    """For each camera select the candidate nearest to a position; sorted indices into `sight`.
 
-    `gate` is the largest normalised distance.
+    `rows` are indices into `sight` of the candidates; those farther than `gate` standard deviations are not selected.
     """
     off = misfit(sight.take(rows), position)
     out = []

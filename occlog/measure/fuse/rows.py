@@ -25,7 +25,11 @@ T = TypeVar("T", Views, Bearings)
 
 @dataclass(frozen=True, eq=False)
 class FusionPart:
-    """Chunk of whole time steps: views, bearings, and the first bearing row of each time step."""
+    """Chunk of whole time steps of detections from cameras.
+
+    Fields: views and bearings sorted by time; row of the first bearing of each of M time steps, then the number of rows
+    (M + 1,); the input chunk with its losses and numbers of frames.
+    """
 
     views: Views
     bearings: Bearings
@@ -34,13 +38,13 @@ class FusionPart:
 
 
 def whole_time_steps(parts: Iterable[Detections], window_ns: int) -> Iterator[FusionPart]:
-    """Rechunk to parts of whole time steps, independent of the input's chunk borders.
+    """Rechunk detections into parts of whole time steps, independent of the input's chunk borders.
 
-    Rows at most `window_ns` apart are of one time step, unless a sensor reports at two times. Views are in the part of
-    their bearings.
+    Bearings at most `window_ns` [ns] after the first of a time step belong to it, unless a sensor would report at two
+    times. Views go with the bearings of their times.
 
     Raises:
-        InputError: times that go back from one part to the next.
+        InputError: times go back from one part to the next.
     """
     views, bearings = Views.empty(), Bearings.empty()
     for part in parts:
@@ -69,7 +73,8 @@ def _joined(held: T, more: T) -> T:
 def time_step_rows(bearings: Bearings, window_ns: int) -> Ints:
     """(M + 1,) first rows of the M time steps of sorted bearings, then the number of rows.
 
-    A step ends `window_ns` after its first row, and before a second time of one sensor; with 0 it is of one time.
+    A time step ends `window_ns` [ns] after its first row, or before a sensor reports at a second time. With
+    `window_ns` 0 each different time is one step.
     """
     t = bearings.t_ns
     if not len(t):
@@ -87,7 +92,10 @@ def time_step_rows(bearings: Bearings, window_ns: int) -> Ints:
 
 
 def in_step(views: Iterable[Views], bearings: Iterable[Bearings]) -> Iterator[Detections]:
-    """Combine separate tables: each chunk of bearings with the views up to its last time."""
+    """Combine the streams of two tables: each chunk of bearings with the views up to its last time.
+
+    Views after the last bearing follow in chunks without bearings. Losses and numbers of frames are empty.
+    """
     ahead = iter(views)
     held = Views.empty()
     for chunk in bearings:
@@ -111,15 +119,15 @@ CAUSES = (KEPT, RECOVERED, REMOVED)
 
 
 class FusionRows:
-    """Rows of a part, to which the decisions are applied."""
+    """Collects the decisions of the fusion about the rows of one part, and builds the changed tables from them."""
 
     def __init__(self, part: FusionPart, cameras: PlacedCameras, camera_of: Ints) -> None:
-        """Create an empty set of decisions.
+        """Start without decisions.
 
         Args:
-            part: of whole time steps.
-            cameras: those with a pose.
-            camera_of: (N,) position in `cameras` of each bearing's sensor, -1 for others.
+            part: whole time steps with N bearings.
+            cameras: calibrated cameras.
+            camera_of: (N,) index into `cameras` of each bearing's sensor; -1: another sensor.
         """
         self.bearings, self.cameras, self.camera_of = part.bearings, cameras, camera_of
         n = len(part.bearings)
@@ -139,14 +147,14 @@ class FusionRows:
         self.cause[rows] = REMOVED
 
     def recover(self, t_ns: int, camera: int, target: int, position: PositionWithCovariance, row: int | None) -> None:
-        """Add a detection at the global position for a camera that missed an object, in its row or a new one.
+        """Record a recovered detection at the global position for a camera that missed an object.
 
         Args:
             t_ns: time of the camera's frame [ns].
             camera: index of the camera.
             target: identity, or `UNLABELLED`.
-            position: global position.
-            row: of the camera for this target; None: it has none.
+            position: global position of the object.
+            row: row of the camera's missed detection of this target, which is overwritten; None: a new row is added.
         """
         self._new.append((t_ns, camera, target, position))
         if target == UNLABELLED:
@@ -155,9 +163,10 @@ class FusionRows:
             self._sight[row] = expected_sight(self.cameras.placed[camera], position)
 
     def tidy_candidates(self, first: int, last: int) -> None:
-        """Keep at most one "not detected" row of each camera's candidates, and none if a candidate is kept.
+        """Drop superfluous "not detected" rows of each camera's unlabelled candidates in one time step.
 
-        To be called after all decisions of a time step, which has the rows from `first` up to, not including, `last`.
+        A camera with a kept or recovered candidate loses all of them, any other keeps one. To be called after all
+        decisions of the time step, whose rows are `first` <= row < `last`.
         """
         rows = np.arange(first, last)
         mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.camera_of[first:last] >= 0)]
@@ -172,10 +181,10 @@ class FusionRows:
                 self.dropped[gone[gone != stays]] = True
 
     def tables(self, frames: dict[str, int]) -> tuple[Views, Bearings]:
-        """Views and bearings after the decisions.
+        """Return the views and bearings after the decisions, with recovered rows.
 
         Args:
-            frames: number of each camera's last frame so far, brought up to date.
+            frames: number of the last frame of each camera by name so far; updated in place.
         """
         views = self._changed_views()
         added = recovered_views(self._new, self.cameras, self._views, self.bearings, frames)
@@ -214,7 +223,7 @@ class FusionRows:
         return replace(b, seen=seen, cause=cause.astype(np.str_), **columns).take(~self.dropped)
 
     def _new_bearings(self) -> Bearings:
-        """Rows of recovered detections that had no row."""
+        """Bearings of recovered detections for which the input has no row of that camera, time and target."""
         values = {
             (int(self.bearings.t_ns[r]), int(self.camera_of[r]), int(self.bearings.target_id[r])) for r in self._sight
         }
@@ -247,7 +256,10 @@ class FusionRows:
 
 
 def distances(part: FusionPart, feet: Floats) -> Floats:
-    """(N, 2) distance and its standard deviation of each bearing, from the feet (V, 2) of its view; NaN without."""
+    """(N, 2) distance along the ground and its standard deviation for each of N bearings; NaN where unknown.
+
+    `feet` (V, 2) has the distance and its standard deviation for each of the V views of the part [length].
+    """
     view = views_of(part.views, part.bearings)
     out = np.full((len(part.bearings), 2), np.nan)
     out[view >= 0] = feet[view[view >= 0]]

@@ -35,7 +35,11 @@ MAX_REMOVED = 0.2
 
 
 def run_fuse(request: FuseRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse detections of several cameras and write them; return the summary and earlier losses."""
+    """Fuse the detections of several cameras and write bearings and views; return the summary and the inputs' losses.
+
+    Raises:
+        UsageError: fused views are requested without views, or the file holds tracks.
+    """
     if request.fused_views is not None and request.views is None:
         raise UsageError(
             f"{option('fused_views')} requires the views of the bearings; give them with {option('views')}",
@@ -68,7 +72,7 @@ class FuseTally:
     """Counts of a fusion for the summary."""
 
     def __init__(self, scene: Scene, config: FuseConfig) -> None:
-        """Start with no figures, for the cameras of a scene."""
+        """Start with counts of 0 for the cameras of a scene with a pose."""
         cameras = placed_cameras(scene, config)
         self._false = dict(zip(cameras.names, cameras.p_false.tolist(), strict=True))
         self.totals: Counter[str] = Counter()
@@ -84,9 +88,10 @@ class FuseTally:
         self.totals.update(moments=part.moments, declared=part.declared, not_declared=part.absent, alone=part.alone)
 
     def summary(self) -> dict[str, object]:
-        """Figures of all cameras, and of each.
+        """Return the figures of the summary by name; `cameras` has the counts of each camera.
 
-        declared: declared objects (per time step); not_declared: objects with detections that were not declared.
+        declared: objects declared, counted once per time step. not_declared: objects with detections that were not
+        declared. kept, recovered, removed: detections.
         """
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():
@@ -97,7 +102,11 @@ class FuseTally:
         return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
 
     def checks(self) -> tuple[Check, ...]:
-        """Check the agreement of the cameras: the share of labelled detections that fusion removes."""
+        """Check the agreement of the cameras: the share of labelled detections that the fusion removes.
+
+        A finding about the worst camera if its share is significantly above `MAX_REMOVED` plus its stated
+        probability of false alarms. Without a camera with `MIN_SAMPLES` labelled detections the check is not made.
+        """
         removed = {name: own["removed"] for name, own in self._of_targets.items()}
         whole = {name: own.total() for name, own in self._of_targets.items()}
         counted = [name for name, count in whole.items() if count >= MIN_SAMPLES]

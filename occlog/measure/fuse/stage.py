@@ -29,19 +29,31 @@ from .views import PlacedCameras, feet, placed_cameras
 
 
 class FusedPart(NamedTuple):
-    """A part of the recording after fusion: the fields of `Detections`, and counts."""
+    """Part of a recording after the fusion, with counts of decisions.
+
+    Attributes:
+        views, bearings: rows after the fusion.
+        losses: losses of the input.
+        frames, warmup: numbers of frames, and of those at the start of a background model.
+        counts: by camera, the numbers of detections kept, recovered and removed.
+        targets: by camera, the numbers of labelled detections kept and removed.
+        moments: number of time steps with a camera frame.
+        alone: number of those in which a single camera delivered a frame.
+        declared: number of declared objects, counted at each time step.
+        absent: number of objects with detections that were not declared, counted at each time step.
+    """
 
     views: Views
     bearings: Bearings
     losses: tuple[Loss, ...]
     frames: int
     warmup: int
-    counts: dict[str, dict[str, int]]  # by camera: detections kept, recovered, removed
-    targets: dict[str, tuple[int, ...]]  # by camera: detections with a label kept, removed
+    counts: dict[str, dict[str, int]]
+    targets: dict[str, tuple[int, ...]]
     moments: int
-    alone: int  # time steps in which a single camera delivered a frame
-    declared: int  # objects declared, one a time step and object
-    absent: int  # time steps and objects with detections that were not declared
+    alone: int
+    declared: int
+    absent: int
 
     @property
     def detections(self) -> Detections:
@@ -51,7 +63,16 @@ class FusedPart(NamedTuple):
 
 @dataclass
 class _FusionState:
-    """Targets and objects after previous time steps, and counts."""
+    """State of the fusion after previous time steps, updated in place.
+
+    Attributes:
+        targets: memories of labelled targets by identity.
+        objects: memories of tracked objects without a label.
+        frames: last frame number of each camera.
+        moments: number of time steps.
+        alone: number of time steps with a frame of a single camera.
+        declared, absent: numbers of decisions with a declared object, and with detections but without one.
+    """
 
     targets: dict[int, ObjectMemory] = field(default_factory=dict)
     objects: list[ObjectMemory] = field(default_factory=list)
@@ -62,21 +83,21 @@ class _FusionState:
     absent: int = 0
 
     def count(self, decision: Decision, detections: int) -> None:
-        """Add a decision about detections to the counts."""
+        """Add a decision about a number of detections to the counts; with neither object nor detections do nothing."""
         self.declared += decision.declared
         self.absent += not decision.declared and detections > 0
 
 
 def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = None) -> Iterator[FusedPart]:
-    """Generate views and bearings after fusion, sorted by time.
+    """Generate views and bearings after the fusion of several cameras ([Lee] Ch. 4), sorted by time.
 
     Labelled detections are fused by target. Candidates (target_id -1) are grouped on the ground and tracked over time
     steps. Rows of microphone arrays, and of cameras without a pose, are unchanged. The result is independent of chunk
     borders; memory is bounded.
 
     Args:
-        parts: views and bearings in the order of time; views may be left empty.
-        scene: must have the sensors.
+        parts: views and bearings in the order of time; views may be empty.
+        scene: has all sensors of the bearings.
         config: settings; None: the defaults for the scene's unit.
 
     Raises:
@@ -128,13 +149,15 @@ def _fuse_part(
 
 
 def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> LocalDirections:
-    """Convert N bearings to lines of sight (rows of other sensors get a placeholder, which is unused).
+    """Convert N bearings to lines of sight from their cameras.
+
+    Rows of other sensors get the ground position of the last camera as a placeholder; they are not to be used.
 
     Args:
         bearings: N rows.
         camera_of: (N,) index of the camera; -1: another sensor.
-        cameras: where they stand.
-        distance: (N, 2) distance of the feet and its standard deviation; NaN: unknown.
+        cameras: calibrated cameras with ground positions.
+        distance: (N, 2) distance of the feet and its standard deviation [length]; NaN: unknown.
     """
     ground = np.array([c.ground for c in cameras.placed])
     return LocalDirections(
@@ -148,7 +171,10 @@ def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, dista
 
 
 class _FusionStep(NamedTuple):
-    """One time step: its rows, and the cameras that have a frame."""
+    """One time step: its time, the rows of its camera bearings, and the cameras that have a frame.
+
+    `observing` has sorted indices of the cameras; `t_of` the time [ns] of each of their frames.
+    """
 
     t_ns: int
     rows: Ints  # of the bearings of cameras
@@ -159,9 +185,15 @@ class _FusionStep(NamedTuple):
 def _fuse_step(
     ledger: FusionRows, sight: LocalDirections, first: int, last: int, state: _FusionState, config: FuseConfig
 ) -> None:
-    """Decide about all targets and candidates in the rows first <= row < last of one time step.
+    """Decide about all targets and candidates of one time step; updates `ledger` and `state` in place.
 
-    Updates the ledger and the state.
+    Args:
+        ledger: collects the decisions about the rows of the part.
+        sight: lines of sight of all bearings of the part.
+        first: first row of the time step.
+        last: row after the last one of the time step.
+        state: targets and objects after earlier time steps.
+        config: settings in the scene's unit.
     """
     rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
     observing = np.unique(ledger.camera_of[rows])
@@ -198,9 +230,10 @@ def _fuse_target(
     state: _FusionState,
     config: FuseConfig,
 ) -> None:
-    """Decide about one target at one time step; updates the ledger and state.
+    """Decide about one labelled target at one time step; updates `ledger` and `state` in place.
 
-    InputError where a camera has two rows for it.
+    InputError if a camera has two rows for the target in this step. `target` is its identity, `sight` has the lines of
+    sight of all bearings of the part.
     """
     own = step.rows[ledger.bearings.target_id[step.rows] == target]
     row_of = {int(ledger.camera_of[r]): r for r in own.tolist()}

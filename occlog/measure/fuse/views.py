@@ -25,15 +25,25 @@ DEFAULT_HALF_SIDE = 1e7
 
 @dataclass(frozen=True, eq=False)
 class PlacedCameras:
-    """Cameras with poses, in scene order."""
+    """C calibrated cameras of a scene, in its order, with what the fusion needs of them.
+
+    Attributes:
+        placed: the cameras.
+        sensors: their packed geometry.
+        region: (K, 2) polygon in which objects can be.
+        far: (C,) distance of the farthest position of the room in range [length].
+        p_miss: (C,) probability that a camera misses what it could see, [Lee] P_M.
+        p_false: (C,) probability that a camera reports a false object, [Lee] P_F.
+        person_height: height of a person [length]; None: unknown.
+    """
 
     placed: tuple[Camera, ...]
     sensors: Sensors
-    region: Floats  # (K, 2) polygon in which objects can be
-    far: Floats  # (C,) distance of the farthest position of the room in range
-    p_miss: Floats  # (C,) probability that a camera misses what it could see, [Lee] P_M
-    p_false: Floats  # (C,) probability that a camera reports a false object, [Lee] P_F
-    person_height: float | None  # None: not known
+    region: Floats
+    far: Floats
+    p_miss: Floats
+    p_false: Floats
+    person_height: float | None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -41,9 +51,10 @@ class PlacedCameras:
         return tuple(c.name for c in self.placed)
 
     def sees(self, xy: Floats, which: int) -> Bools:
-        """(N,) mask of positions `xy` (N, 2) that a camera can see: field of view, range, walls, image border.
+        """(N,) mask of ground positions `xy` (N, 2) that the camera with index `which` can see.
 
-        `which` is the index of the camera.
+        By its field of view, range and walls; if the height of a person and the image size are known, the middle of
+        a person there must also be inside the image.
         """
         seen = seen_from(np.ascontiguousarray(xy), which, self.sensors)
         camera = self.placed[which]
@@ -55,7 +66,11 @@ class PlacedCameras:
         return np.asarray(seen & inside.all(axis=1))
 
     def along(self, line: LocalDirections, n: int) -> Floats:
-        """(m, 2) positions on a line of sight that its own camera can see, 1 <= m <= n."""
+        """(m, 2) ground positions on the first line of sight that its own camera can see, 1 <= m <= n.
+
+        `n` equidistant positions up to the camera's range are tried; if none is visible and in the region, the
+        nearest one is returned alone.
+        """
         which = int(line.sensor[0])
         reach = np.linspace(0.0, self.far[which], n + 1)[1:]
         xy = line.origin + reach[:, None] * np.column_stack([np.cos(line.azimuth), np.sin(line.azimuth)])
@@ -64,11 +79,9 @@ class PlacedCameras:
 
 
 def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
-    """Cameras of a scene with poses; InputError if there are fewer than two.
+    """Collect the cameras of a scene that have a pose, with their probabilities of misses and false alarms.
 
-    Args:
-        scene: the scene.
-        config: settings in the scene's unit.
+    Probabilities of the scene have priority over those of `config`. InputError if fewer than two cameras have a pose.
     """
     cameras = tuple(c for c in scene.cameras if c.placed)
     if len(cameras) < 2:
@@ -100,10 +113,11 @@ def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
 
 
 def expected_sight(camera: Camera, position: PositionWithCovariance) -> tuple[float, float, float, float]:
-    """Expected bearing, sigma [rad], u_px and sigma_px of a position in a camera.
+    """Expected bearing, sigma [rad], u_px and sigma_px [px] of a ground position in a camera.
 
-    `sigma_px` is the uncertainty of the position across the line of sight; `sigma` also includes that of the camera's
-    pose ([Ercan] Eq. 2), but no measurement noise.
+    `u_px` is the horizontal offset from the centre of the levelled image, positive to the right. `sigma_px` is the
+    uncertainty of the position across the line of sight in the image; `sigma` includes it and that of the camera's pose
+    ([Ercan] Eq. 2), but no measurement noise.
     """
     away = position.xy - camera.ground
     bearing = float(np.arctan2(away[1], away[0]))
@@ -132,7 +146,7 @@ New = tuple[int, int, int, PositionWithCovariance]
 
 
 def views_of(views: Views, bearings: Bearings) -> Ints:
-    """(N,) row of the view of each of N bearings, -1 for none: same sensor, time and bearing."""
+    """(N,) row in `views` of the view of each of N bearings: same sensor, time and bearing; -1: none."""
     rows = {
         key: row
         for row, key in enumerate(zip(views.t_ns.tolist(), views.sensor.tolist(), views.bearing.tolist(), strict=True))
@@ -143,10 +157,10 @@ def views_of(views: Views, bearings: Bearings) -> Ints:
 
 
 def feet(views: Views, cameras: PlacedCameras) -> Floats:
-    """(V, 2) ground distance of the feet of each of V views, and its standard deviation; NaN if not visible.
+    """(V, 2) ground distance of the feet of each of V views and its standard deviation [length]; NaN if unknown.
 
-    Feet are at the middle of the lower edge, on the floor z = 0. NaN for a camera of unknown height, a box at the image
-    border, or one too short or too tall for a person at that position.
+    The feet are at the middle of the lower edge of the box, on the floor z = 0. Unknown for a camera of unknown
+    height, a box at the image border, or one too short or too tall for a person at that position.
     """
     out = np.full((len(views), 2), np.nan)
     for which, camera in enumerate(cameras.placed):
@@ -178,7 +192,7 @@ def _feet_of(camera: Camera, height: float, views: Views, far: float) -> Floats:
 
 
 def _distance_to_ground_plane(camera: Camera, pixels: Floats) -> Floats:
-    """(N,) horizontal distance at which lines of sight through pixels meet the ground plane; NaN if they do not."""
+    """(N,) horizontal distances [length] at which rays through `pixels` (N, 2) meet the floor z = 0; NaN if not."""
     rays = camera.rays(pixels)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(rays[:, 2] < 0, -camera.position[2] / rays[:, 2] * np.hypot(rays[:, 0], rays[:, 1]), np.nan)
@@ -189,14 +203,14 @@ def recovered_views(
 ) -> Views:
     """Views of recovered detections: a person's box at the global position, without appearance.
 
-    There are none for cameras without views so far, or if the height of people is unknown.
+    None are made for frames of cameras without views so far, or if the height of people is unknown.
 
     Args:
-        new: recovered detections.
-        cameras: those with a pose.
-        views: of the part, before.
-        bearings: of the part, before; a time of a sensor is a frame.
-        frames: number of each camera's last frame so far, brought up to date; a frame without views has the
+        new: recovered detections: time [ns], index of the camera, identity, global position.
+        cameras: calibrated cameras.
+        views: views of the part before the fusion.
+        bearings: bearings of the part before the fusion; each time of a sensor is a frame.
+        frames: number of each camera's last frame so far by name, updated in place; a frame without views has the
             number after that of the frame before it.
     """
     counts: dict[tuple[int, str], int] = {}
@@ -219,13 +233,15 @@ def recovered_views(
 def _numbers(
     views: Views, bearings: Bearings, frames: dict[str, int], counts: dict[tuple[int, str], int]
 ) -> dict[tuple[int, str], int]:
-    """Frame number of each time and sensor in views or bearings, one after another for frames without views.
+    """Frame number of each time [ns] and sensor in views or bearings, counted on for frames without views.
+
+    Frames of a sensor before its first frame with views have no number.
 
     Args:
-        views: with frame numbers.
-        bearings: of the same frames.
-        frames: last number of each sensor, updated.
-        counts: number of clusters in each frame, updated.
+        views: views with frame numbers.
+        bearings: bearings of the same frames.
+        frames: last frame number of each sensor by name, updated in place.
+        counts: number of views in each frame, by time and sensor, updated in place.
     """
     number_of: dict[tuple[int, str], int] = {}
     for t_ns, name, number in zip(views.t_ns.tolist(), views.sensor.tolist(), views.frame.tolist(), strict=True):
@@ -242,16 +258,16 @@ def _numbers(
 def _view(
     t_ns: int, camera: Camera, frame: int, cluster: int, target: int, position: PositionWithCovariance, height: float
 ) -> Views:
-    """Row of `Views` of a person's box at a position.
+    """One row of `Views` with cause `recovered`: expected box, ellipse and bearing of a person at a ground position.
 
     Args:
-        t_ns: time [ns].
-        camera: that sees it.
+        t_ns: time of the frame [ns].
+        camera: camera of the frame.
         frame: number of the frame.
-        cluster: number of the box in it.
+        cluster: number of the view in the frame.
         target: identity.
-        position: of the person.
-        height: of the person, in scene units.
+        position: ground position of the person.
+        height: height of the person, in scene units.
     """
     middle, spans = person_in_image(camera, position.xy[None], height)
     x, y = middle[0].tolist()

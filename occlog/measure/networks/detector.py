@@ -45,13 +45,13 @@ from .network import (
 
 @dataclass(frozen=True)
 class Embedder:
-    """Re-identification network, which returns a vector for the image of a person.
+    """Re-identification network, which gives an appearance vector for the image of a person.
 
     Attributes:
         network: network to run.
-        pixels: how colours become numbers.
-        output: name of the output that is taken.
-        length: of the vectors.
+        pixels: name of the scaling of colours, see `network.PIXELS`.
+        output: name of the network's output that is used.
+        length: number of elements of a vector.
     """
 
     network: ImageNetwork
@@ -99,11 +99,11 @@ class Embedder:
 
 
 def open_embedder(path: Path, config: NetworkConfig, threads: int) -> Embedder:
-    """Load a network for re-identification, to run with a number of threads.
+    """Load a re-identification network; it may use `threads` threads.
 
     Raises:
         InputError: the file is not such a network, or cannot be run.
-        UsageError: a setting that is not for it.
+        UsageError: a setting does not apply to it.
     """
     network = ready(path, config.runtime, threads, size_of(config.embed_size), batch=1)
     width, height = network.size
@@ -127,9 +127,9 @@ def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
 
     Args:
         boxes: (n, 4) left, top, right, bottom.
-        score: (n,).
+        score: (n,) confidences.
         label: (n,) classes.
-        overlap: 0 to 1.
+        overlap: IoU threshold, 0 to 1.
     """
     left, top, right, bottom = boxes.T
     area = (right - left) * (bottom - top)
@@ -148,7 +148,11 @@ def suppress(boxes: Floats, score: Floats, label: Ints, overlap: float) -> Ints:
 
 
 class PreparedTile(NamedTuple):
-    """A part of an image, prepared as input of the network."""
+    """A part of an image, resized and normalised as input (3, H, W) of the network.
+
+    `where` maps it to the network's input; `left` and `top` are its first pixel in the image; `inner` states
+    whether the image continues at its left, top, right and bottom.
+    """
 
     numbers: Floats32  # (3, H, W)
     where: ImagePlacement
@@ -164,9 +168,9 @@ class Prepared(NamedTuple):
 
 
 class Boxed(NamedTuple):
-    """Boxes in an image by decreasing area, clipped to the image.
+    """n boxes in an image by decreasing area, clipped to the image, with confidences.
 
-    Coordinates are relative to the centre of the first pixel.
+    Edges left, top, right, bottom [px] are relative to the centre of the first pixel.
     """
 
     boxes: Floats  # (n, 4) left, top, right, bottom [px]
@@ -179,7 +183,10 @@ def _select(found: NetworkDetections, rows: Ints) -> NetworkDetections:
 
 
 def _cut(tile: PreparedTile, boxes: Floats) -> Bools:
-    """(n,) mask of boxes (n, 4) that end at an inner edge of a tile."""
+    """(n,) mask of boxes that end within `CUT_PX` of an inner edge of a tile: the object continues in the next tile.
+
+    Boxes (n, 4) are left, top, right, bottom in the whole image [px].
+    """
     w = tile.where
     edges = np.array([tile.left, tile.top, tile.left + w.width, tile.top + w.height]) - 0.5
     near = np.abs(boxes - edges) <= CUT_PX / np.array([w.x_scale, w.y_scale] * 2)
@@ -189,17 +196,17 @@ def _cut(tile: PreparedTile, boxes: Floats) -> Bools:
 
 @dataclass(frozen=True)
 class NetworkDetector:
-    """A detection network; `prepare` may be called by other threads than `find`.
+    """A detection network with the interpretation of its outputs; other threads may call `prepare` during `find`.
 
     Attributes:
         network: network to run.
         reading: interpretation of its outputs.
-        names: of its classes.
-        wanted: numbers of the classes that are searched for.
-        fit: how images are brought to its size.
-        pixels: how colours become numbers.
-        least: confidence of a box.
-        overlap: see `NetworkConfig`.
+        names: names of its classes.
+        wanted: numbers of the requested classes.
+        fit: how images are resized to its input: `LETTERBOX`, `CORNER` or `STRETCH`.
+        pixels: name of the scaling of colours, see `network.PIXELS`.
+        least: minimum confidence of a box.
+        overlap: IoU threshold of non-maximum suppression.
         tiles: columns and rows of tiles that are searched in addition to the whole image; 1, 1: none.
     """
 
@@ -214,7 +221,7 @@ class NetworkDetector:
     tiles: tuple[int, int] = (1, 1)
 
     def prepare(self, image: Image) -> Prepared:
-        """Convert a BGR image (height, width, 3) to the network's input."""
+        """Convert a BGR image (height, width, 3), and its tiles if any, to inputs of the network."""
         height, width = image.shape[:2]
         parts = [((0, width), (0, height))]
         if self.tiles != (1, 1):
@@ -232,9 +239,10 @@ class NetworkDetector:
         return PreparedTile(numbers, where, xs[0], ys[0], inner)
 
     def find(self, images: Sequence[Prepared]) -> list[Boxed | None]:
-        """Boxes in each image; None if the network returns non-finite numbers.
+        """Boxes in each of some images; None for an image for which the network returns non-finite numbers.
 
         The network is always run with a full batch, so that results do not depend on the number of images.
+        InputError if scores or coordinates are not in the range of the network's output format.
         """
         tiles = [tile for image in images for tile in image.tiles]
         step = self.network.batch
@@ -242,7 +250,7 @@ class NetworkDetector:
         return [self._merged(image, [next(found) for _ in image.tiles]) for image in images]
 
     def _run(self, tiles: Sequence[PreparedTile]) -> list[NetworkDetections | None]:
-        """Raw boxes in at most `network.batch` tiles, in pixels of the network's input."""
+        """Raw boxes in at most `network.batch` tiles, in pixels of the network's input; None where not finite."""
         numbers = [tiles[min(n, len(tiles) - 1)].numbers for n in range(self.network.batch)]
         outputs = self.network.run(np.stack(numbers) if len(numbers) > 1 else numbers[0][None])
         found: list[NetworkDetections | None] = []
@@ -256,7 +264,10 @@ class NetworkDetector:
         return found
 
     def _merged(self, image: Prepared, found: Sequence[NetworkDetections | None]) -> Boxed | None:
-        """Merge the boxes found in each of an image's tiles, each object once; None if that of a tile is None."""
+        """Merge the boxes found in the whole image and its tiles, each object once; None if that of a tile is None.
+
+        Boxes cut by an inner edge of a tile are removed, then duplicates by non-maximum suppression.
+        """
         if any(raw is None for raw in found):
             return None
         repeats = HEADS[self.reading.head].repeats
@@ -302,16 +313,16 @@ def open_detector(
     """Load a detection network.
 
     Args:
-        path: its file.
-        config: options.
-        classes: names or numbers; empty: people, or the only class.
-        names: file with names of classes; None: see `classes`.
-        least: confidence of a box.
-        threads: that the network may use.
+        path: ONNX file of the network.
+        config: settings of networks.
+        classes: names or numbers of the requested classes; empty: person, or the only class.
+        names: file with the names of its classes; None: those in the network, or COCO's.
+        least: minimum confidence of a box.
+        threads: number of threads that the network may use.
 
     Raises:
-        InputError: the file is none of a network that detects, or it cannot be run.
-        UsageError: a class that it does not have, or a setting that is not for it.
+        InputError: the file is no detection network, or cannot be run.
+        UsageError: a class that the network does not have, or a setting that does not apply to it.
     """
     network = ready(path, config.runtime, threads, size_of(config.size), config.batch)
     metadata = network.file.metadata

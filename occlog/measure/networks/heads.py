@@ -64,7 +64,10 @@ PLAIN_DETR = 92
 
 
 class NetworkDetections(NamedTuple):
-    """Boxes in pixels of the network's input."""
+    """n boxes in pixels of the network's input, relative to its corner: left, top, right, bottom (n, 4).
+
+    With scores (n,), 0 to 1, and class numbers (n,).
+    """
 
     boxes: Floats  # (n, 4) left, top, right, bottom [px], from the corner
     score: Floats  # (n,)
@@ -73,7 +76,11 @@ class NetworkDetections(NamedTuple):
 
 @dataclass(frozen=True)
 class Head:
-    """Input format of a head, and whether it outputs several boxes per object."""
+    """Input and output conventions of a family of networks.
+
+    `fit` and `pixels` are how images are resized and colours scaled; `smooth`: images are averaged when reduced;
+    `repeats`: several boxes per object are output, so that non-maximum suppression is needed.
+    """
 
     fit: str
     pixels: str
@@ -103,7 +110,11 @@ Outputs = Mapping[str, Floats32]
 
 
 class Reading(NamedTuple):
-    """Location of boxes, scores and classes in a network's outputs."""
+    """Interpretation of a network's outputs: its head, number of classes, and the names of the outputs.
+
+    `classes` is None if the outputs do not determine the number; `boxes`, `scores` and `labels` name the outputs
+    with these, perhaps all the same one.
+    """
 
     head: str
     classes: int | None  # of the head; None: the outputs do not determine
@@ -115,17 +126,17 @@ class Reading(NamedTuple):
 def recognise(
     outputs: Outputs, size: tuple[int, int], names: int | None, head: str | None, metadata: Mapping[str, str]
 ) -> Reading:
-    """Determine the head of a network from its outputs.
+    """Determine the head (output format) of a network from its outputs.
 
     Args:
-        outputs: of a batch.
-        size: width and height of the network's images.
-        names: how many classes the file names; None: it names none.
-        head: what the user states it is.
-        metadata: of the file; `task` and `end2end` as ultralytics writes them are used.
+        outputs: outputs for a batch of images, by name.
+        size: width and height of the network's input [px].
+        names: number of classes that the file names; None: it names none.
+        head: name of the head that the user states; None: recognised.
+        metadata: metadata of the file; `task` and `end2end`, as ultralytics writes them, are used.
 
     Raises:
-        InputError: the outputs are none of any head, of several, or not of the one that the user states.
+        InputError: the outputs match no head, or several, or not the stated one, or are not supported.
     """
     task = metadata.get("task", "")
     if task and task not in ("detect", *WITH_MORE):
@@ -162,18 +173,18 @@ def _named_classes(names: int | None) -> str:
 
 
 def shapes(outputs: Outputs) -> str:
-    """Format names and shapes for messages."""
+    """Names and shapes of outputs as text, for messages."""
     return ", ".join(f"{name} {' x '.join(map(str, each.shape)) or 'one number'}" for name, each in outputs.items())
 
 
 def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more: bool) -> list[str]:
-    """Candidate heads for these outputs, by names, number of classes, and number of positions of YOLO.
+    """Names of the heads that may have these outputs, by output names, numbers of classes, and YOLO's grid positions.
 
     Args:
-        outputs: of a run, by name.
-        size: width and height of the input [px].
-        names: number of classes that the network names; None: it names none.
-        more: outputs may have more columns than classes, such as masks.
+        outputs: outputs for a batch of images, by name.
+        size: width and height of the network's input [px].
+        names: number of classes that the file names; None: it names none.
+        more: outputs may have more columns than classes, for masks or key points.
     """
     of_dets = RTMDET if "dets" in outputs and outputs["dets"].shape[-1:] == (5,) else RFDETR
     for head in (of_dets if "dets" in outputs else DETR, RTDETR):
@@ -206,10 +217,10 @@ def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False)
     """Interpret the outputs as those of a head; None if impossible.
 
     Args:
-        outputs: of a run, by name.
+        outputs: outputs for a batch of images, by name.
         head: name of the head.
-        names: number of classes that the network names; None: it names none.
-        more: numbers after the classes are allowed.
+        names: number of classes that the file names; None: it names none.
+        more: columns after the classes, for masks or key points, are permitted.
     """
     if head in BOXES:
         wanted = [_one(outputs, each.get(head)) for each in (BOXES, SCORES, LABELS)]
@@ -243,28 +254,28 @@ def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False)
 
 
 def _one(outputs: Outputs, known: Sequence[str] | None) -> str | None:
-    """Name of the first output with one of these names; empty if none is required (None), None if it is missing."""
+    """First of the names `known` that an output has; None if it is missing; empty text if `known` is None."""
     return "" if known is None else next((name for name in known if name in outputs), None)
 
 
 def read(
     reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Decode boxes of the requested classes with at least a confidence, in the n-th image of a batch.
+    """Decode the boxes of the requested classes with a minimum confidence in one image of a batch.
 
     As in the original implementations, a box of `yolo`, `yolov5` and `ultralytics-detr` has the class with the highest
     score; for `rfdetr` and `detr` the N highest scores over all boxes and classes are used.
 
     Args:
         reading: interpretation of the outputs.
-        outputs: of the batch.
-        n: position of the image in the batch.
-        size: width and height of the network's images.
-        wanted: classes.
-        least: confidence.
+        outputs: outputs for the batch, by name.
+        n: index of the image in the batch.
+        size: width and height of the network's input [px].
+        wanted: numbers of the requested classes.
+        least: minimum confidence.
 
     Raises:
-        InputError: scores are not 0 to 1, or boxes not in pixels, or no shares, as the head has them.
+        InputError: scores are not 0 to 1, or coordinates not in pixels or shares as the head has them.
         FloatingPointError: a number is not finite.
     """
     head, boxes = reading.head, outputs[reading.boxes][n]
@@ -299,14 +310,14 @@ def read(
 def _best(
     boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float
 ) -> NetworkDetections:
-    """Boxes with a requested class as their best one.
+    """Boxes with a requested class as their best one; coordinates as given.
 
     Args:
-        boxes: (N, 4).
+        boxes: (N, 4) boxes in any convention.
         scores: (N, C) confidences of the classes, 0 to 1.
-        objectness: (N,) factors of the scores; None: there are none.
+        objectness: (N,) factors of the scores, 0 to 1; None: no factors.
         wanted: numbers of the requested classes.
-        least: smallest confidence.
+        least: minimum confidence.
     """
     if objectness is not None:
         _check_scores(YOLOV5, objectness)
@@ -323,13 +334,15 @@ def _best(
 
 
 def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> NetworkDetections:
-    """Boxes of requested classes among the N highest scores over N boxes and all classes; a box may come twice.
+    """Boxes of requested classes among the N highest scores over N boxes and all classes; a box may occur twice.
+
+    Coordinates as given; scores are the logistic function of the logits.
 
     Args:
-        boxes: (N, 4).
-        logits: (N, C) of the classes.
+        boxes: (N, 4) boxes in any convention.
+        logits: (N, C) logits of the classes.
         wanted: numbers of the requested classes.
-        least: smallest confidence.
+        least: minimum confidence.
     """
     with np.errstate(over="ignore"):
         scores = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
@@ -399,7 +412,7 @@ COCO_91 = dict(zip((k for k in range(91) if k not in LEFT_OUT), COCO, strict=Tru
 
 
 class ClassNames(NamedTuple):
-    """Class names of a network, and their source for messages."""
+    """Class names of a network by number, and where they are from, for messages."""
 
     names: Mapping[int, str]
     source: str
@@ -432,7 +445,10 @@ def names_in(metadata: Mapping[str, str]) -> dict[int, str] | None:
 
 
 def read_names(path: Path) -> dict[int, str]:
-    """Read class names from a text file, one per line, starting with class 0."""
+    """Read class names from a text file, one per line, starting with class 0.
+
+    InputError if the file is too large, not UTF-8, or has no or empty lines.
+    """
     check_input(path, "names of classes (text, one a line)")
     if path.stat().st_size > LONGEST_FILE:
         raise InputError(
@@ -454,12 +470,14 @@ def read_names(path: Path) -> dict[int, str]:
 
 
 def names_of(count: int | None, declared: Mapping[int, str] | None, file: Path | None) -> ClassNames:
-    """Class names of a network: from a file, else from the network, else COCO's if their number matches.
+    """Class names of a network: from a file, else from the network, else COCO's if their number matches, else none.
+
+    InputError if the names are more or fewer than the classes.
 
     Args:
-        count: classes that the head has; None: not known.
-        declared: names in the network's metadata.
-        file: the user's names.
+        count: number of classes of the network; None: unknown.
+        declared: names in the network's metadata; None: it has none.
+        file: file with names given by the user; None: not given.
     """
     if file is not None:
         names = read_names(file)
@@ -487,12 +505,12 @@ def wanted_classes(asked: Sequence[str], names: ClassNames, count: int | None) -
     """Sorted numbers of the requested classes; default: person, or the only class.
 
     Args:
-        asked: names or numbers.
-        names: of the network's classes.
+        asked: requested names or numbers; empty: the default.
+        names: names of the network's classes.
         count: number of its classes; None: unknown.
 
     Raises:
-        UsageError: a class that is not there, with the nearest name.
+        UsageError: a class that the network does not have.
     """
     if not asked and count == 1:
         return np.zeros(1, dtype=np.int64)

@@ -39,16 +39,16 @@ from .running.subprocess_runtime import SubprocessRuntime
 
 @dataclass(frozen=True)
 class ImageNetwork:
-    """A network with images as input.
+    """A loaded network with images as input.
 
     Attributes:
-        file: what its file states about itself.
-        runtime: what runs it.
-        image: its input for images, (B, 3, H, W).
-        extent: its input for the size of the images; empty: missing.
-        size: width and height of its images.
-        batch: images that it takes at a time; exactly that many, unless `open_batch`.
-        open_batch: whether it takes any number of images.
+        file: description of the ONNX file.
+        runtime: loaded network in its runtime.
+        image: input for images, (B, 3, H, W).
+        extent: name of the input for the size of the images; empty: it has none.
+        size: width and height of the images [px].
+        batch: number of images per call; exactly that many, unless `open_batch`.
+        open_batch: whether it accepts any number of images.
     """
 
     file: OnnxFile
@@ -83,18 +83,18 @@ class ImageNetwork:
 
 
 def ready(path: Path, runtime: str, threads: int, size: tuple[int, int] | None, batch: int) -> ImageNetwork:
-    """Read, load and test a network.
+    """Read and load a network of images in a separate process, and test it with grey images.
 
     Args:
-        path: its file.
-        runtime: runtime to use.
-        threads: that it may use.
-        size: width and height of its images, where it leaves them open; None: as it states.
-        batch: images at a time, where it leaves that open.
+        path: ONNX file of the network.
+        runtime: name of the runtime.
+        threads: number of threads that it may use.
+        size: width and height of its images [px], where the network leaves them open; None: as it states.
+        batch: number of images per call, where the network leaves that open.
 
     Raises:
-        InputError: the file is none of a network of images, or it cannot be run.
-        UsageError: size or batch is not that of the network, or has to be given; or the runtime is not installed.
+        InputError: the file is no network of images, or cannot be run.
+        UsageError: size or batch differs from the network's, or has to be given; or the runtime is not installed.
     """
     file = read_onnx(path)
     image, extent = _inputs(file)
@@ -137,15 +137,15 @@ def _ports(ports: tuple[Port, ...] | list[Port]) -> str:
 
 
 def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple[int, int] | None) -> tuple[int, int]:
-    """Input width and height of a network: fixed, else requested, else from its metadata.
+    """Input width and height of a network [px]: fixed, else requested, else from its metadata.
 
     UsageError if the size is open, or another one was requested; InputError if it is too large.
 
     Args:
-        file: the network.
+        file: description of the network's file.
         wide: fixed width; None: open.
         high: fixed height; None: open.
-        asked: width and height that the user requests; None: none.
+        asked: width and height that the user requests; None: not requested.
     """
     requested = asked
     if requested is None and (wide is None or high is None):
@@ -202,7 +202,7 @@ def tiles_of(text: str | None) -> tuple[int, int]:
 def tile_edges(length: int, count: int) -> list[tuple[int, int]]:
     """First pixel, and pixel after the last, of equal tiles that cover an image side and overlap by `TILE_OVERLAP`.
 
-    `length` is that of the side [px], `count` the number of tiles.
+    `length` is that of the side [px], `count` the number of tiles along it.
     """
     side = min(length, math.ceil(length / (count - (count - 1) * TILE_OVERLAP)))
     starts = [round(n * (length - side) / (count - 1)) for n in range(count)] if count > 1 else [0]
@@ -228,7 +228,10 @@ PIXELS: dict[str, tuple[bool, Floats32]] = {
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """Placement of an image in the network's input: x_network = x_scale * x + left, relative to corners."""
+    """Placement of an image in the network's input, for coordinates relative to corners.
+
+    x_network = x_scale * x + left, y_network = y_scale * y + top [px]. `width`, `height`: size of the image [px].
+    """
 
     x_scale: float
     y_scale: float
@@ -238,7 +241,10 @@ class ImagePlacement:
     height: int
 
     def to_image(self, boxes: Floats) -> Floats:
-        """Convert boxes (n, 4: left, top, right, bottom) from the network's input to the image, clipped."""
+        """Convert boxes (n, 4: left, top, right, bottom) [px] from the network's input to the image, clipped to it.
+
+        Input edges are relative to the corner, returned ones to the centre of the first pixel.
+        """
         xs = (boxes[:, 0::2] - self.left) / self.x_scale
         ys = (boxes[:, 1::2] - self.top) / self.y_scale
         out = np.empty_like(boxes, dtype=np.float64)
@@ -254,8 +260,8 @@ def image_placement(size: tuple[int, int], wanted: tuple[int, int], fit: str) ->
     the border halved and the odd pixel at the right and below.  `CORNER` is that of MMDetection (`Resize`, `Pad`).
 
     Args:
-        size: width and height of the image.
-        wanted: width and height of the network's.
+        size: width and height of the image [px].
+        wanted: width and height of the network's input [px].
         fit: `LETTERBOX`, `CORNER` or `STRETCH`.
     """
     (w, h), (W, H) = size, wanted
@@ -273,13 +279,13 @@ def image_placement(size: tuple[int, int], wanted: tuple[int, int], fit: str) ->
 
 
 def laid(image: Image, wanted: tuple[int, int], where: ImagePlacement, smooth: bool) -> Image:
-    """Resize and pad a BGR image to the network's input (H, W, 3).
+    """Resize a BGR image, and pad it with grey, to the network's input (H, W, 3).
 
     Args:
-        image: (h, w, 3).
-        wanted: W and H.
+        image: (h, w, 3) BGR, 8 bits.
+        wanted: W and H of the input [px].
         where: scales and offset of the image in the input.
-        smooth: average when reducing.
+        smooth: average pixels when reducing.
     """
     W, H = wanted
     new = (round(where.x_scale * where.width), round(where.y_scale * where.height))
@@ -309,7 +315,7 @@ def fill(out: Floats32, image: Image, pixels: str) -> None:
 
 
 def crop(image: Image, box: Floats, wanted: tuple[int, int]) -> Image:
-    """Crop a box (left, top, right, bottom) [px] from an image and resize it to `wanted` (width, height).
+    """Crop a box (4,: left, top, right, bottom) [px] from an image and resize it to `wanted` (width, height).
 
     All pixels that the box touches are included, at least one.
     """

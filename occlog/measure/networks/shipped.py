@@ -25,5 +25,5 @@ def shipped_network() -> Path:
 
 
 def shipped_config(given: Mapping[str, object]) -> NetworkConfig:
-    """Settings of the person network of occlog, updated by those that the user gives."""
+    """Settings of the person network of occlog, with its own IoU threshold, updated by those that the user gives."""
     return configure(replace(NetworkConfig(), nms_iou=NMS_IOU), given)

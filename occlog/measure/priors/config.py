@@ -126,7 +126,7 @@ class HullConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that a polygon may move between time steps."""
+        """Constraints, each as setting, whether it holds, and allowed values: a polygon may move between time steps."""
         yield "max_jump", self.max_speed + self.max_jump > 0, "above 0 where speed is 0"
 
 

@@ -32,13 +32,13 @@ class _MeasurementStep:
 def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *, run: int = 0) -> Iterator[Occluders]:
     """Generate priors from virtual measurements (true positions with noise) of moving occluders, chunk by chunk.
 
-    The noise of an occluder depends only on seed, run and its number.
+    The noise of an occluder depends only on seed, run and its identity.
 
     Args:
-        truth: in the order of time; rows of the role `occluder` are used.
-        sigma: standard deviation of the measurements, per axis; 0: the true positions, known exactly.
-        q: of the filter, see `occlog.filtering.motion.white_acceleration`.
-        seed: of the noise.
+        truth: true positions in the order of time; rows of the role `occluder` are used.
+        sigma: standard deviation of the measurements, per axis [length]; 0: the true positions, known exactly.
+        q: process noise: standard deviation of the velocity per axis, accumulated over 1 s [length/s].
+        seed: seed of the noise.
         run: number of the run of a Monte Carlo experiment.
     """
     config = PositionPriorConfig(measurement_noise=sigma, process_noise_velocity=q)
@@ -62,16 +62,16 @@ def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *,
 def kalman_priors(
     positions: Iterable[Truth] | Iterable[Tracks], config: PositionPriorConfig, *, without: Iterable[int] = ()
 ) -> Iterator[Occluders]:
-    """Generate priors from measured positions, chunk by chunk.
-
-    Args:
-        positions: in the order of time.  Of a table of truth (or positions) the rows of the role
-            `occluder`, measured with `config.sigma`; of tracks all rows, with their covariances,
-            to which `config.sigma` is added as independent.
-        config: settings; sigma must be above 0 for a table of truth.
-        without: identities that are skipped, for example the tracked target's.
+    """Generate priors from measured positions by a Kalman filter for each occluder, chunk by chunk.
 
     At every time all occluders that were measured within `max_coasting_s` have a row.
+
+    Args:
+        positions: in the order of time.  Of truth the rows of the role `occluder`, measured with the standard deviation
+            `config.measurement_noise`; of tracks all rows, with their covariances, to which the variance of
+            `config.measurement_noise` is added as independent.
+        config: settings; `measurement_noise` must be above 0 for truth.
+        without: identities that are skipped, for example the tracked target's.
     """
     left_out, shared = sorted(set(without)), config.measurement_noise**2 * np.eye(2)
 
@@ -92,9 +92,9 @@ def _filtered(
     measure: Callable[..., tuple[Floats, Floats]],
     config: PositionPriorConfig,
 ) -> Iterator[Occluders]:
-    """Generate one table of priors per chunk; its last time is output with the next chunk.
+    """Generate one table of priors per chunk by Kalman filters; its last time is output with the next chunk.
 
-    `measure` returns positions (n, 2) and covariances (n, 2, 2) of rows.
+    `measure` returns measured positions (n, 2) and covariances (n, 2, 2) of n rows of a chunk.
     """
     state = _FilterState()
     held: list[_MeasurementStep] = []
@@ -117,9 +117,9 @@ def _joined(a: _MeasurementStep, b: _MeasurementStep) -> _MeasurementStep:
 
 
 def _time_steps(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_MeasurementStep]:
-    """Generate the measurements of moving occluders by time; empty at times without any.
+    """Generate the measurements of moving occluders by time; empty ones at times without any.
 
-    `measure` returns positions (n, 2) and covariances (n, 2, 2) of rows.
+    `measure` returns measured positions (n, 2) and covariances (n, 2, 2) of n rows.
     """
     if not len(chunk):
         return
@@ -133,7 +133,10 @@ def _time_steps(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floa
 
 
 class _FilterState:
-    """Kalman filters of M objects at the last time step, sorted by identity."""
+    """Kalman filters of M occluders at the time step `t_ns` (None: none so far), sorted by identity.
+
+    `measured_ns` (M,) are the times of their last measurements, `walkers` positions and velocities with covariances.
+    """
 
     def __init__(self) -> None:
         self.identity = np.empty(0, dtype=np.int32)
@@ -143,10 +146,17 @@ class _FilterState:
 
 
 def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig) -> None:
-    """Predict the filters to a time step, and update them by its measurements, in place.
+    """Predict the filters to the time of some measurements, and update them by these, in place.
 
-    InputError if it is earlier than the last step, or an occluder has two positions. Filters without measurements for
-    too long are dropped.
+    New occluders get a filter; filters without measurements for more than `max_coasting_s` are dropped.
+
+    Args:
+        state: Kalman filters of all occluders, updated in place.
+        m: measured positions of one time.
+        config: settings of the filters.
+
+    Raises:
+        InputError: the time is earlier than the last step's, or an occluder has two positions.
     """
     if (same := np.diff(m.identity) == 0).any():
         raise InputError(
@@ -176,11 +186,11 @@ def _step(state: _FilterState, m: _MeasurementStep, config: PositionPriorConfig)
 
 
 def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
-    """Update filters by measurements, in place.
+    """Update some of the filters by measured positions, in place.
 
     Args:
-        walkers: all filters.
-        rows: (n,) indices of those that are updated.
+        walkers: all filters, updated.
+        rows: (n,) indices of the filters that are measured.
         xy: (n, 2) measured positions.
         noise: (n, 2, 2) their covariances.
     """
@@ -198,15 +208,13 @@ def _keep(state: _FilterState, keep: Bools) -> None:
 
 
 def _add(state: _FilterState, m: _MeasurementStep, new: Bools, speed: float) -> None:
-    """Initiate filters, in `state`, at first measurements.
-
-    The velocity is as uncertain as after a second of walking.
+    """Initiate filters at first measurements, in `state`, which stays sorted by identity.
 
     Args:
-        state: updated.
+        state: filters, updated in place.
         m: n measurements of one time.
         new: (n,) mask of those that begin a filter.
-        speed: process noise of the velocity per axis, in a second.
+        speed: standard deviation of the initial velocity per axis [length/s].
     """
     walkers = concat(state.walkers, initiate(m.xy[new], m.noise[new], speed))
     identity = np.concatenate([state.identity, m.identity[new]])

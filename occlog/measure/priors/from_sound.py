@@ -23,25 +23,31 @@ STEPS_PER_CHUNK = 256
 
 
 class _Sources(NamedTuple):
-    """N tracked sources of sound, with the times [ns] at which each was heard."""
+    """N tracked sound sources.
+
+    Attributes:
+        identity: (N,) identities.
+        first_ns, last_ns: (N,) times at which each was heard first and last [ns].
+        walkers: Kalman filters of their positions and velocities.
+    """
 
     identity: Ints
     first_ns: Ints
-    last_ns: Ints  # when each was heard last
+    last_ns: Ints
     walkers: Walkers
 
 
 def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig) -> Iterator[Occluders]:
-    """Generate Gaussian priors of sources heard by at least two arrays, chunk by chunk.
+    """Generate Gaussian priors of sound sources located by at least two microphone arrays, chunk by chunk.
 
     Args:
-        chunks: directions in the order of time; identities that they carry are not used.
-        scene: must have the arrays, two or more.
+        chunks: directions in the order of time; their identities are not used.
+        scene: scene with two or more microphone arrays.
         config: settings.
 
     Raises:
         InputError: an array that the scene does not have, or times that go back.
-        UsageError: a scene with fewer than two arrays.
+        UsageError: the scene has fewer than two arrays.
     """
     if len(scene.arrays) < 2:
         raise UsageError(
@@ -77,7 +83,7 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
 
 
 def _time_steps(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]:
-    """Generate time steps of directions of up to `window_ns` [ns]; the time is that of the last of them.
+    """Group directions to time steps of at most `window_ns` [ns]; generate the time of the last of each, and its rows.
 
     InputError if times go back.
     """
@@ -116,7 +122,7 @@ def _directions(rows: Doa, scene: Scene) -> SourceDirections:
 
 
 def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources:
-    """Predict the sources by dt [s] to `t_ns` [ns], without those that are silent for too long."""
+    """Predict the sources by `dt` [s] to `t_ns` [ns]; those silent for more than `max_coasting_s` are dropped."""
     if not len(s.identity):
         return s
     keep = t_ns - s.last_ns <= config.max_coasting_s * 1e9
@@ -125,18 +131,20 @@ def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources
 
 
 def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: AcousticConfig) -> tuple[_Sources, int]:
-    """Update sources by located positions: each is of a nearby known source, or of a new one.
+    """Update sources by located positions: each is assigned to a nearby known source, or begins a new one.
+
+    Known sources silent now at the position of another one are removed.
 
     Args:
-        s: predicted sources.
+        s: sources predicted to this time.
         t_ns: time [ns].
-        xy: (n, 2) positions.
+        xy: (n, 2) located positions.
         cov: (n, 2, 2) their covariances.
         fresh: next new identity.
         config: gate and process noise.
 
     Returns:
-        The sources, and the next new identity.
+        Updated sources, and the next new identity.
     """
     rows, columns = assign(distance2(s.walkers.xy, s.walkers.cov, xy, cov), config.gate**2)
     last, walkers = s.last_ns.copy(), Walkers(*(c.copy() for c in s.walkers))
@@ -155,7 +163,7 @@ def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: 
 
 
 def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
-    """Remove sources that are silent at `t_ns` [ns] while another one is heard at their position."""
+    """Remove sources that are silent at `t_ns` [ns] while another one is heard at their position, within the gate."""
     now = s.last_ns == t_ns
     if now.all() or not now.any():
         return s
@@ -166,7 +174,10 @@ def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
 
 
 def _table(s: _Sources, t_ns: int, config: AcousticConfig) -> Occluders:
-    """Rows, at `t_ns` [ns], of the sources that were heard long enough; without any, the row that states this."""
+    """Rows of priors, at `t_ns` [ns], of the sources heard for at least `confirmation_time_s`.
+
+    Without any, one row that states that there is no occluder.
+    """
     sure = np.flatnonzero(s.last_ns - s.first_ns >= config.confirmation_time_s * 1e9)
     if not len(sure):
         return none_at(np.array([t_ns], dtype=np.int64))

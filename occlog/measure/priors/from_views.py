@@ -38,16 +38,23 @@ STEPS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
-    """Polygons and Gaussians of several time steps."""
+    """Priors of occluders for several time steps.
 
-    hulls: Hulls  # the polygons
-    occluders: Occluders  # Gaussians with their means and covariances
+    Attributes:
+        hulls: polygons of the visual hull.
+        occluders: Gaussians with the polygons' means and covariances.
+        n_steps: number of time steps.
+        candidates: number of polygons before phantoms were removed.
+    """
+
+    hulls: Hulls
+    occluders: Occluders
     n_steps: int
-    candidates: int  # polygons before phantoms were skipped
+    candidates: int
 
 
 class _Frame(NamedTuple):
-    """Rows of one camera at one time; empty: the camera detected no people."""
+    """Rows of one camera at one time: `views`, empty if it detected no people, time `t_ns` [ns] and name `sensor`."""
 
     t_ns: int
     sensor: str
@@ -57,17 +64,17 @@ class _Frame(NamedTuple):
 def hull_priors(
     views: Iterable[Views], scene: Scene, config: HullConfig, frames: Iterable[Bearings] | None = None
 ) -> Iterator[HullPriors]:
-    """Generate polygons and Gaussians that contain the moving occluders, chunk by chunk.
+    """Generate polygons and Gaussians that contain the moving occluders, by visual hulls, chunk by chunk.
 
-    Clusters of a target (`target_id` >= 0) are not occluders; the region behind them is invisible to the camera.
-    Cameras without pose are not used.
+    Clusters of a target (`target_id` >= 0) are not occluders, unless `exclude_targets` is off; the region behind
+    them is invisible to the camera. Cameras without pose are not used.
 
     Args:
-        views: in the order of time.
-        scene: must have the cameras.
+        views: clusters in the order of time.
+        scene: scene with the cameras.
         config: settings.
-        frames: bearings made along with the views: their rows state which cameras delivered a
-            frame, also one without a cluster.  Without them such a frame counts as missing.
+        frames: bearings made along with the views: their rows state which cameras delivered a frame, also one without a
+            cluster; None: such a frame counts as missing.
 
     Raises:
         InputError: a camera that the scene does not have, or times that go back.
@@ -100,7 +107,7 @@ def hull_priors(
 
 
 def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
-    """Translate positions relative to an origin (2,) to the map."""
+    """Translate positions relative to `origin` (2,) to the coordinates of the map."""
     x, y = origin
     return found._replace(
         hulls=replace(found.hulls, x=found.hulls.x + x, y=found.hulls.y + y),
@@ -109,7 +116,7 @@ def _on_map(found: HullPriors, origin: Floats) -> HullPriors:
 
 
 def _rules(config: HullConfig) -> HullRules:
-    """Rules for the identities of polygons; times in nanoseconds."""
+    """Rules for the identities of polygons from the settings; times in nanoseconds."""
     return HullRules(
         persist_ns=round(1e9 * config.confirmation_time_s),
         memory_ns=round(1e9 * config.evidence_memory_s),
@@ -123,9 +130,9 @@ def _rules(config: HullConfig) -> HullRules:
 def _time_steps(
     views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene, window_ns: int
 ) -> Iterator[tuple[int, list[_Frame]]]:
-    """Generate time steps of up to `window_ns` [ns]: time of the last frame, and a frame per camera, sorted by name.
+    """Generate time steps of at most `window_ns` [ns]: time of the last frame, and a frame per camera, sorted by name.
 
-    `frames` (bearings) add frames without clusters.
+    `frames` (bearings) add frames without clusters; cameras without pose are skipped.
     """
     unplaced = [c.name for c in scene.cameras if not c.placed]
     group: dict[str, _Frame] = {}
@@ -147,15 +154,14 @@ def _time_steps(
 
 
 def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene) -> Iterator[_Frame]:
-    """Merge views and the frames of bearings by time.
+    """Generate the frames of views and of bearings by nondecreasing time.
+
+    A frame in both tables occurs twice, first with its clusters.
 
     Args:
-        views: clusters in frames, by rising time.
-        frames: bearings, of which only time and camera count: there was a frame; None: not given.
-        scene: has the cameras.
-
-    Returns:
-        Generator of frames by rising time; a frame in both tables occurs twice, first with its clusters.
+        views: clusters in frames, in the order of time.
+        frames: bearings, of which only time and camera are used: there was a frame; None: not given.
+        scene: scene with the cameras.
     """
     streams = [_split(views, scene)]
     if frames is not None:
@@ -164,7 +170,7 @@ def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Sc
 
 
 def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterator[_Frame]:
-    """Split rows by time and camera; bearings only indicate that there was a frame.
+    """Generate the frames of a table, by time and camera; those of bearings are empty.
 
     InputError for a camera that is not in the scene, or times that go back.
     """
@@ -206,9 +212,10 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
 
 
 def _camera_cones(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
-    """Cones of a camera's non-target clusters, and the region in which it can decide on presence.
+    """Cones of a camera's clusters in one frame that are of no target, and the region in which it decides on presence.
 
-    `cameras` caches the visible region of each camera, by name.
+    That region is the visible one less what targets hide. `cameras` caches the camera with its visible region by
+    name, and is updated in place.
     """
     if frame.sensor not in cameras:
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
@@ -255,12 +262,12 @@ def _corners(polygon: Polygon) -> Floats:
 
 
 def _gaussians(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]], identity: Ints32, corners: list[Floats]) -> Occluders:
-    """Gaussians with the moments of uniform distributions over polygons.
+    """Gaussian priors with the mean and covariance of uniform distributions over polygons.
 
     Args:
         t_ns: (n,) times [ns].
-        identity: (n,) of the occluders.
-        corners: n polygons (K, 2).
+        identity: (n,) identities of the occluders.
+        corners: n polygons (K, 2) with any number of corners.
     """
     p = polygon_priors(corners, 1.0)
     c, s = p.axis[:, 0], p.axis[:, 1]

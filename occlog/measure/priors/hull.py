@@ -32,7 +32,7 @@ STEP = np.pi / 6
 
 
 class HullCamera(NamedTuple):
-    """A camera with the part of the room in which it can see objects."""
+    """A camera, the part of the room in which it can see objects, and a distance from it beyond the room [length]."""
 
     camera: Camera
     visible: shapely.Geometry
@@ -40,7 +40,7 @@ class HullCamera(NamedTuple):
 
 
 def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
-    """Return the camera with the region of the room that it can see, without the shadows of static occluders."""
+    """Find the region of the room that a camera can see: field of view and range, without shadows of occluders."""
     room = shapely.Polygon(scene.region)
     far = 1.0 + 2.0 * float(np.hypot(*(scene.region - camera.ground).T).max())
     visible = shapely.intersection(room, wedge(camera.ground, camera.yaw, camera.fov, far))
@@ -52,9 +52,9 @@ def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
 
 
 def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geometry:
-    """Sector, as a polygon, of directions within `width` / 2 of `axis` [rad] from `origin` (2,).
+    """Sector, as a polygon, of directions within `width` / 2 of `axis` [rad] from `origin` (2,) on the ground.
 
-    It reaches to a distance of at least `far`.
+    It reaches to a distance of at least `far` [length]; a width of 2 pi or more gives a polygon around the origin.
     """
     width = min(width, 2.0 * np.pi)
     n = max(int(np.ceil(width / STEP)), 1)
@@ -66,7 +66,10 @@ def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geom
 
 
 def shadow(origin: Floats, wall: Floats, far: float) -> shapely.Geometry:
-    """Shadow of a polygon `wall` (K, 2) from `origin` (2,) outside it, up to at least `far`, with the polygon."""
+    """Union of a wall and its shadow seen from `origin` (2,) outside it, up to a distance of at least `far` [length].
+
+    `wall` (K, 2) are the corners of the polygon.
+    """
     parts = [shapely.Polygon(wall)]
     for a, b in zip(wall, np.roll(wall, -1, axis=0), strict=True):
         rays = np.array([a, b]) - origin
@@ -82,13 +85,13 @@ def shadow(origin: Floats, wall: Floats, far: float) -> shapely.Geometry:
 
 
 def runs(boxes: Floats, camera: Camera, dilate: float) -> Floats:
-    """(B, 2) centre and width [rad] of the azimuth intervals of boxes, dilated on both sides.
+    """(B, 2) azimuth of the middle and width [rad] of the intervals that boxes cover, dilated on both sides.
 
-    Azimuths are those of the undistorted, levelled image at half the height of each box.
+    Azimuths in the world are those of the box edges at half the height of each box.
 
     Args:
         boxes: (B, 4) left, top, width, height [px].
-        camera: with a pose.
+        camera: camera with a pose.
         dilate: angle added to either side [rad].
     """
     middle = boxes[:, 1] + 0.5 * boxes[:, 3]
@@ -108,7 +111,10 @@ def cones(view: HullCamera, of_runs: Floats) -> list[shapely.Geometry]:
 
 
 def _merged(of_runs: Floats) -> list[tuple[float, float]]:
-    """Union of the intervals `of_runs` (B, 2: centre, width) of angles [rad], sorted by lower end."""
+    """Union of the intervals `of_runs` (B, 2: centre, width) of angles [rad], as pairs of centre and width.
+
+    Sorted by lower end; intervals may join across +-pi, and are at most 2 pi wide.
+    """
     spans = sorted((float(c - 0.5 * w), float(c + 0.5 * w)) for c, w in of_runs)
     out: list[list[float]] = []
     for low, high in spans:
@@ -124,18 +130,27 @@ def _merged(of_runs: Floats) -> list[tuple[float, float]]:
 
 
 class CameraCones(NamedTuple):
-    """Cones and visible region of one camera."""
+    """Polygons on the ground of one camera at one time: where it can decide whether an object is present, and cones.
+
+    A cone is the visible part of the ground behind an interval of foreground.
+    """
 
     visible: shapely.Geometry  # where it can decide whether an object is present
     cones: list[shapely.Geometry]  # of its runs
 
 
 class Polygon(NamedTuple):
-    """A polygon of the hull with the runs that it explains."""
+    """A polygon of the visual hull, with the cones that contain it.
+
+    Attributes:
+        shape: the polygon on the ground.
+        runs: sorted pairs (index of the camera, index of its cone) of cones that contain it.
+        missed: number of cameras that can see it and have no foreground there.
+    """
 
     shape: shapely.Polygon
-    runs: tuple[Run, ...]  # with cones that contain it, rising
-    missed: int  # cameras that can see it and have no run there
+    runs: tuple[Run, ...]
+    missed: int
 
 
 class _Cell(NamedTuple):
@@ -145,14 +160,14 @@ class _Cell(NamedTuple):
 
 
 def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
-    """Polygons of the hull, in a deterministic order.
+    """Polygons of the visual hull at one time, in a deterministic order.
 
     Args:
-        views: frames of the cameras, at one time.
-        room: (K, 2).
-        least: cameras that must have a run at a position.
-        misses: cameras that may have none at a position that they can see.
-        smallest: polygons of a smaller area are skipped.
+        views: cones of the cameras.
+        room: (K, 2) corners of the region in which objects can be.
+        least: minimum number of cameras with foreground at a position.
+        misses: maximum number of cameras without foreground at a position that they can see.
+        smallest: polygons of a smaller area are skipped [length^2].
     """
     # Hull of all cameras (N of N): positions that no camera contradicts
     whole = _Cell(shapely.Polygon(room), (), 0)
@@ -170,9 +185,10 @@ def hull(views: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
 
 
 def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
-    """Greedy set cover: select the candidate that explains most runs of `missing`, until none of these is left.
+    """Greedy set cover: select candidates until all runs in `missing` that any of them explains are explained.
 
-    The order is fixed at the beginning; a candidate that explains nothing new is skipped.
+    The order, by the number of missing runs explained, is fixed at the beginning; a candidate that explains no
+    further run is skipped.
     """
     left, out = list(missing), []
     for p in sorted(candidates, key=lambda p: (-sum(r in missing for r in p.runs), -p.shape.area, p.runs)):
@@ -183,9 +199,9 @@ def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
 
 
 def _cells(views: Sequence[CameraCones], whole: _Cell, allowed: int) -> list[_Cell]:
-    """Partition the room (`whole`) by cones and visible regions of the views.
+    """Partition the room (the cell `whole`) by cones and visible regions of the views.
 
-    Cells contradicted by more cameras than allowed are omitted.
+    Cells that more than `allowed` cameras contradict (they can see it and have no cone there) are omitted.
     """
     cells = [whole]
     for i, view in enumerate(views):
@@ -212,12 +228,15 @@ def _kept(shape: shapely.Geometry, runs: tuple[Run, ...], missed: int) -> Iterat
 
 
 def _polygons(cells: list[_Cell], least: int, smallest: float) -> list[Polygon]:
-    """Connected parts of the hull; neighbouring cells that differ only in visibility are joined.
+    """Connected parts of the hull: cells that enough cones contain, joined with their neighbours, without holes.
+
+    A cone is the part of the floor in which one camera sees foreground. Only cells that as many cameras missed are
+    joined.
 
     Args:
         cells: partition of the room.
-        least: smallest number of runs (cameras) that see something in a cell.
-        smallest: area below which a part is dropped.
+        least: minimum number of cones that contain a cell.
+        smallest: area below which a part is dropped [length^2].
     """
     good = [c for c in cells if len(c.runs) >= least]
     out: list[Polygon] = []
@@ -244,7 +263,12 @@ def _parts(shape: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 class HullRules(NamedTuple):
-    """Rules for confirming and deleting polygons; lengths in the scene's unit, times in ns."""
+    """Rules for confirming and deleting polygons; lengths in the scene's unit, times in ns.
+
+    `persist_ns`: minimum age of a confirmed polygon; `memory_ns`: time for which evidence counts; `lost_ns`: an
+    identity not found for longer is deleted; `hold_ns`: time for which a missing polygon with evidence is still
+    reported; `speed` [length/s] and `reach` [length] limit the movement of a centre.
+    """
 
     persist_ns: int  # it must have been there for so long
     memory_ns: int  # evidence counts for so long
@@ -255,7 +279,11 @@ class HullRules(NamedTuple):
 
 
 class TrackedPolygon(NamedTuple):
-    """A polygon with its identity, at its last time step."""
+    """A polygon with its identity at its last time step, its centroid (2,), and times [ns].
+
+    `first_ns` and `last_ns` are those of its first and last time step; `evidence_ns` the last one at which it alone
+    explained a foreground run, None for never.
+    """
 
     identity: int
     polygon: Polygon  # the last one
@@ -266,14 +294,14 @@ class TrackedPolygon(NamedTuple):
 
 
 class HullMemory(NamedTuple):
-    """Identities of polygons after previous time steps."""
+    """Tracked polygons after previous time steps, sorted by identity, and the next new identity."""
 
     known: tuple[TrackedPolygon, ...] = ()
     next_identity: int = 0
 
 
 class ConfirmedPolygon(NamedTuple):
-    """A polygon that is output, with its identity."""
+    """A polygon that is reported, with its identity."""
 
     identity: int
     polygon: Polygon
@@ -282,13 +310,16 @@ class ConfirmedPolygon(NamedTuple):
 def track_polygons(
     memory: HullMemory, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
 ) -> tuple[HullMemory, list[ConfirmedPolygon]]:
-    """Update the memory, and return it with the confirmed polygons, by identity.
+    """Assign identities to the polygons of a time step; return the updated memory and the confirmed polygons.
 
     Args:
-        memory: after the last time step; `HullMemory()` initially.
-        t_ns: later than that of the last time step.
-        polygons: of this time step.
-        rules: when polygons are accepted in.
+        memory: result of the last time step; `HullMemory()` initially.
+        t_ns: time [ns], later than that of the last time step.
+        polygons: polygons of this time step.
+        rules: when polygons are confirmed and deleted.
+
+    Returns:
+        Memory, and confirmed polygons by identity; among them missing ones that had evidence recently.
     """
     old = [k for k in memory.known if t_ns - k.last_ns <= rules.lost_ns]
     current = _identities(old, memory.next_identity, t_ns, polygons, rules)
@@ -302,7 +333,7 @@ def track_polygons(
 
 
 def evidence(polygons: Sequence[Polygon]) -> list[bool]:
-    """Mask of polygons that alone explain at least one of their runs."""
+    """Mask of polygons that alone explain at least one of their foreground runs."""
     count: dict[tuple[int, int], int] = {}
     for p in polygons:
         for r in p.runs:
@@ -313,14 +344,14 @@ def evidence(polygons: Sequence[Polygon]) -> list[bool]:
 def _identities(
     old: list[TrackedPolygon], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: HullRules
 ) -> list[TrackedPolygon]:
-    """Return the polygons with identities: each that of a nearby known one, or a new one.
+    """Give polygons their identities, one to one: that of a nearby known polygon, or a new one.
 
     Args:
         old: known polygons.
         fresh: next new identity.
         t_ns: time [ns].
-        polygons: of this time.
-        rules: how far polygons move.
+        polygons: polygons at this time.
+        rules: how far polygons may move.
     """
     centres = np.array([[p.shape.centroid.x, p.shape.centroid.y] for p in polygons]).reshape(-1, 2)
     mine: dict[int, TrackedPolygon] = {}
@@ -340,14 +371,20 @@ def _identities(
 
 
 def _lately(known: TrackedPolygon, t_ns: int, rules: HullRules) -> bool:
-    """Whether a polygon had evidence within `rules.memory_ns` before `t_ns` [ns]."""
+    """Whether a polygon had evidence (alone explained a run) within `rules.memory_ns` before `t_ns` [ns]."""
     return known.evidence_ns is not None and t_ns - known.evidence_ns <= rules.memory_ns
 
 
 def _needed(current: list[TrackedPolygon], t_ns: int, rules: HullRules) -> list[TrackedPolygon]:
-    """Select polygons with recent evidence at `t_ns` [ns], and those needed to explain other runs.
+    """Select the polygons with recent evidence at `t_ns` [ns], and those that explain the remaining foreground.
 
-    Of possible phantoms, those that explain more runs have priority; equal ones are all selected.
+    Foreground of a camera is explained by a polygon in its cone. Of the latter, those that explain more of it are
+    selected first; equal ones are all selected.
+
+    Args:
+        current: tracked polygons.
+        t_ns: time [ns].
+        rules: how recent evidence has to be.
     """
     chosen = [k for k in current if _lately(k, t_ns, rules)]
     rest = [k for k in current if not _lately(k, t_ns, rules)]

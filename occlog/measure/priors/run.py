@@ -33,10 +33,10 @@ Result = tuple[dict[str, object], tuple["Loss", ...]]
 
 
 class TableStream:
-    """Stream of a table in a table file or recording, with scene and earlier losses."""
+    """Stream of a table in a table file or recording, with its scene and the losses of its provenance."""
 
     def __init__(self, path: Path, scene: Path | None) -> None:
-        """Open the file; only headers are read. `scene` replaces the scene in it; None: that counts."""
+        """Open the file; only headers are read. `scene` is a file that replaces the scene in it; None: not replaced."""
         self.path = path
         self.opened = open_input(path)
         self.losses = self.opened.losses
@@ -69,7 +69,10 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
 
 
 def run_kalman(request: KalmanRequest, job: Job) -> Result:
-    """Write priors of occluders from positions, by Kalman filters; return the summary and earlier losses."""
+    """Estimate priors of occluders from positions by Kalman filters, write them; return the summary and input losses.
+
+    UsageError if options contradict the kind of positions; InputError if no row is of a moving occluder.
+    """
     path, measured = request.positions, request.measured
     source = TableStream(path, request.scene)
     unit = source.scene.length_unit if source.scene is not None else source.unit
@@ -112,7 +115,7 @@ def run_kalman(request: KalmanRequest, job: Job) -> Result:
 
 
 def run_hull(request: HullRequest, job: Job) -> Result:
-    """Write priors of occluders from views, by visual hulls; return the summary and earlier losses."""
+    """Estimate priors of occluders from views by visual hulls, and write them; return the summary and input losses."""
     path = request.views
     source = TableStream(path, request.scene)
     scene = source.need_scene()
@@ -136,7 +139,7 @@ def run_hull(request: HullRequest, job: Job) -> Result:
 
 
 def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
-    """Names of the cameras with a pose to use.
+    """Names of the cameras with a pose that a request selects, in scene order.
 
     Raises:
         UsageError: a named camera is not in the scene, or fewer than two cameras are left.
@@ -155,7 +158,7 @@ def cameras_of(request: HullRequest, scene: Scene) -> list[str]:
 
 
 def run_acoustic(request: AcousticRequest, job: Job) -> Result:
-    """Write priors of occluders from directions of arrival; return the summary and earlier losses."""
+    """Estimate priors of occluders from directions of arrival, and write them; return the summary and input losses."""
     source = TableStream(request.doa, request.scene)
     scene = source.need_scene()
     config = configure(AcousticConfig.in_unit(scene.length_unit), request.settings)
@@ -196,7 +199,11 @@ class PriorsTally:
         self.spread += float(np.sum(table.cov_xx[there] + table.cov_yy[there]))
 
     def summary(self) -> dict[str, object]:
-        """Figures of the summary; `rms_sigma` is the RMS error expected from the covariances of the priors."""
+        """Figures of the summary by name.
+
+        `mean_occluders`: per time; None without times. `rms_sigma`: RMS position error expected from the covariances of
+        the priors [length]; None without priors.
+        """
         return {
             "times": self.times,
             "identities": len(self.identities),

@@ -42,7 +42,11 @@ KNN_START_FRAMES = 30  # fills the short, middle and long sample sets of the KNN
 
 @dataclass(frozen=True)
 class Subtractor:
-    """Background model of one camera; `foreground` updates it."""
+    """Background model of one camera; `foreground` updates it.
+
+    `rate` is the learning rate per frame, negative for OpenCV's automatic one; `seed` that of KNN's random numbers;
+    `shadows`: the model marks shadows.
+    """
 
     model: cv2.BackgroundSubtractor
     rate: float  # learning rate; negative: OpenCV's automatic one
@@ -82,7 +86,7 @@ def make_subtractor(
 
 
 def largest_image(kind: str) -> int:
-    """Maximum number of pixels of an image for a model of this kind."""
+    """Maximum number of pixels of an image for a background model of the kind `mog2` or `knn`."""
     return LARGEST_KNN if kind == "knn" else LARGEST_IMAGE
 
 
@@ -107,15 +111,15 @@ def has_colours(image: Bytes) -> bool:
 
 
 def without_grey_shadows(marked: Bytes, image: Bytes, empty: Bytes) -> Bytes:
-    """(height, width) foreground mask (255) of a grey image, without shadows.
+    """(height, width) foreground mask (255, else 0) of an image without colours, with shadows removed.
 
     OpenCV detects shadows by colour, and without colours takes every darker pixel for one. Here a darker pixel is a
     shadow if its ratio to the empty scene is smooth; clothes and limbs are not.
 
     Args:
-        marked: (height, width) of the background model: 255 foreground, 127 darker.
+        marked: (height, width) output of the background model: 255 foreground, 127 darker, 0 background.
         image: (height, width, 3) or (height, width).
-        empty: image of the empty scene, of its shape.
+        empty: image of the empty scene, of the same height and width.
     """
     now, scene = (each if each.ndim == 2 else each[:, :, 0] for each in (image, empty))
     log_ratio = np.log((now + np.float32(1.0)) / (scene + np.float32(1.0)))
@@ -131,31 +135,31 @@ def without_grey_shadows(marked: Bytes, image: Bytes, empty: Bytes) -> Bytes:
 
 
 def _eroded(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Minimum filter over a rectangle of a number of columns and rows [px].
+    """Minimum filter (erosion) of a mask over a rectangle of `columns` x `rows` pixels.
 
-    With `_dilated` of the same size nothing is shifted, even for even sizes.
+    For even sizes its centre is the mirror image of that of the dilation here, so that both in turn shift nothing.
     """
     anchor = ((columns - 1) // 2, (rows - 1) // 2)
     return cv2.erode(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
 
 def _dilated(mask: Bytes, columns: int, rows: int) -> Bytes:
-    """Maximum filter over a rectangle of a number of columns and rows [px].
+    """Maximum filter (dilation) of a mask over a rectangle of `columns` x `rows` pixels.
 
-    Its centre is mirrored relative to that of `_eroded`.
+    For even sizes its centre is the mirror image of that of the erosion here, so that both in turn shift nothing.
     """
     anchor = (columns // 2, rows // 2)
     return cv2.dilate(mask, np.ones((rows, columns), np.uint8), anchor=anchor)  # type: ignore[no-any-return]
 
 
 def foreground(subtractor: Subtractor, image: Bytes, number: int, clean_px: int) -> Bytes:
-    """Update the model by an image, and return the mask (height, width): 255 foreground, 0 background.
+    """Update a background model by an image; return its foreground mask (height, width): 255, else 0 (also shadows).
 
     Args:
-        subtractor: the camera's model; frames must come in order.
+        subtractor: background model of the camera; frames must come in order.
         image: (height, width, 3) BGR or (height, width) grey, always of one size.
-        number: of the frame; with the model's seed it makes KNN's random numbers, so
-            that they do not depend on the thread that happens to do the work.
+        number: number of the frame; with the model's seed it determines KNN's random numbers, so that they do not
+            depend on the thread that does the work.
         clean_px: side of the median filter that removes speckle, odd; 0 or 1: none.
     """
     cv2.setRNGSeed((subtractor.seed + number) & 0x7FFFFFFF)
@@ -177,10 +181,10 @@ MAX_SAMPLES = 64  # size of the kernel's scratch space
 
 
 def motion_masks(samples: Bytes, thickness_px: float) -> Bytes:
-    """(n, height, width) 1 where something moves in a sample, 0 where it is quiet.
+    """(n, height, width) masks of n samples: 1 where something moves, 0 where the image is static.
 
     Args:
-        samples: (n, height, width, channels) in order of time.
+        samples: (n, height, width[, channels]) images in the order of time.
         thickness_px: bodies up to this thickness are filled between their moving edges.
     """
     # Edges of motion need no fine grid: thick bodies are filled in a coarser one.
@@ -201,14 +205,15 @@ def motion_masks(samples: Bytes, thickness_px: float) -> Bytes:
 def empty_scene(samples: list[Bytes], thickness_px: float) -> Bytes:
     """Image of the empty scene: per pixel the median of its samples without motion.
 
+    The first `MAX_SAMPLES` samples are used; of fewer than three the first is returned.
+
     Args:
-        samples: at least one image (height, width, 3) or (height, width), all of one
-            size, in order of time.
+        samples: at least one image (height, width, 3) or (height, width), all of one size, in the order of time.
         thickness_px: thickness of a person in the image.
 
     Returns:
-        Image like the samples.  A pixel that is never quiet gets the median of all
-        samples: something that is always there and always moves stays in the picture.
+        Image like the samples.  A pixel with motion in all samples gets the median of all: something that is always
+        there and always moves stays in the picture.
     """
     if len(samples) < 3:
         return samples[0].copy()
@@ -222,7 +227,10 @@ def empty_scene(samples: list[Bytes], thickness_px: float) -> Bytes:
 
 @kernel
 def _masked_median(samples: Bytes, masks: Bytes) -> Bytes:
-    """(pixels, channels) lower median over samples (n, pixels, channels) where masks (n, pixels) are 0, or over all."""
+    """(pixels, channels) lower median over n samples (n, pixels, channels) where `masks` (n, pixels) are 0.
+
+    A pixel with no 0 in its mask gets the median of all samples.
+    """
     n, pixels, channels = samples.shape
     out = np.empty((pixels, channels), dtype=np.uint8)
     values = np.empty(n, dtype=np.uint8)
@@ -264,9 +272,10 @@ CLOSINGS = (3, 7, 15)  # sides tried for joining pieces [px]; the one with most 
 
 
 def person_like_blobs(samples: list[Bytes], empty: Bytes) -> Floats:
-    """(N, 2) row of the feet and height [px] of blobs with the shape of a separate person.
+    """(N, 2) row of the feet and height [px] of blobs with the shape of a separate person in all samples.
 
-    `empty` is the image without people, of the shape of the samples.
+    Blobs are differences from `empty`, the image without people, of the shape of the samples; the size of the closing
+    that joins their pieces is the one of `CLOSINGS` that gives most of them.
     """
     return max((_blobs(samples, empty, side) for side in CLOSINGS), key=len)
 
@@ -291,9 +300,13 @@ def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
 
 
 def observed_sizes(image_size: tuple[int, int], blobs: Floats) -> SizeMap | None:
-    """Size map from blobs (N, 2: row of the feet, height) [px] in images of one size; None without blobs.
+    """Size map from blobs of people in images of one size; None without blobs.
 
-    `image_size` is width and height [px].
+    The height is linear in the row of the feet, or constant if the blobs are few or in a small range of rows.
+
+    Args:
+        image_size: width and height of the images [px].
+        blobs: (N, 2) row of the feet, and height, of each blob [px].
     """
     if not len(blobs):
         return None
@@ -313,7 +326,10 @@ def _allow_line(feet: Floats, rows: int) -> bool:
 
 
 def _line(x: Floats, y: Floats) -> tuple[float, float]:
-    """Theil-Sen slope in [0, 1] and intercept of y over x."""
+    """Theil-Sen line of y (n,) over x (n,): slope, limited to [0, 1], and intercept.
+
+    Pairs with x at most 1 apart are not used.
+    """
     dx, dy = x[:, None] - x, y[:, None] - y
     separated = dx > 1.0
     slope = float(np.clip(np.median(dy[separated] / dx[separated]), 0.0, 1.0))

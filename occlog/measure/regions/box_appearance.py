@@ -22,12 +22,15 @@ MIN_PIXELS = 30
 
 
 def box_appearance(image: Bytes, boxes: Floats, score: Floats) -> Floats32:
-    """(n, 72) normalised histograms of people in boxes; NaN if too little is visible.
+    """(n, 72) normalised colour histograms of people in boxes; NaN if fewer than `MIN_PIXELS` pixels are visible.
+
+    Pixels of the inscribed ellipse count, unless a box with lower feet and a higher confidence (a nearer person) covers
+    them.
 
     Args:
         image: (height, width, 3) BGR.
         boxes: (n, 4) left, top, right, bottom [px].
-        score: (n,) confidences.
+        score: (n,) confidences of the boxes.
     """
     counts = np.zeros((len(boxes), N_BINS))
     _count_into(counts, image, np.ascontiguousarray(boxes, dtype=np.float64), np.ascontiguousarray(score))
@@ -37,13 +40,13 @@ def box_appearance(image: Bytes, boxes: Floats, score: Floats) -> Floats32:
 
 @kernel
 def _count_into(counts: Floats, image: Bytes, boxes: Floats, score: Floats) -> None:
-    """Add the visible pixels of the ellipse in each box to its row of counts, in place.
+    """Add the visible pixels of the ellipse in each box to its row of `counts`, in place.
 
     Args:
-        counts: (n, 72) of the colour bins.
+        counts: (n, 72) numbers of pixels per colour bin.
         image: (height, width, 3) BGR.
         boxes: (n, 4) left, top, right, bottom [px].
-        score: (n,) a box with a lower edge farther down and a higher score hides others.
+        score: (n,) confidences; a box with a lower bottom edge and a higher score hides the pixels inside it.
     """
     height, width = image.shape[:2]
     for i in range(len(boxes)):

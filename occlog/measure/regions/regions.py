@@ -37,13 +37,13 @@ from occlog.measure.clusters.stage import Clusters, find_clusters
 def add_pixels_into(
     histogram: Floats, image: Bytes, mask: Bytes, left: int, top: int, right: int, bottom: int, weight: float
 ) -> None:
-    """Add the masked pixels of a box to a histogram.
+    """Add the masked pixels of a box to a colour histogram of 72 bins, in place.
 
     Args:
-        histogram: (72,) added to in place.
+        histogram: (72,) counts of `pixel_bin`, added to in place.
         image: (height, width, 3) BGR.
         mask: (height, width), pixels with a value other than 0 count.
-        left: first column of the box; a box that reaches over the image is cut.
+        left: first column of the box; a box that exceeds the image is clipped.
         top: first row.
         right: column after the last.
         bottom: row after the last.
@@ -98,14 +98,15 @@ def similarity(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def gather(mask: Bytes, side: int) -> tuple[Floats, Ints]:
-    """Collect the foreground in cells, row by row.
+    """Collect the foreground pixels in square cells, row by row; cells without foreground are left out.
 
     Args:
         mask: (height, width), non-zero on the foreground.
-        side: of a cell [px]; cells at the right and lower edges may be smaller.
+        side: side of a cell [px]; cells at the right and lower edges may be smaller.
 
     Returns:
-        Cell table (N, 6), and (N, 2) left and upper pixel of each cell.
+        (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy about the mean [px^2]; (N, 2) left and upper pixel of
+        each cell.
     """
     height, width = mask.shape
     rows, columns = (height + side - 1) // side, (width + side - 1) // side
@@ -136,7 +137,7 @@ def gather(mask: Bytes, side: int) -> tuple[Floats, Ints]:
 
 @kernel
 def _moments_into(cell: Floats, mask: Bytes, left: int, top: int) -> None:
-    """Write count, mean and scatter of the foreground in one nonempty cell to `cell` (6,).
+    """Write pixels, mean x, y [px] and scatter xx, xy, yy [px^2] of one nonempty cell's foreground to `cell` (6,).
 
     `mask` (h, w) is that of the cell, which begins at column `left` and row `top` of the image.
     """
@@ -160,29 +161,39 @@ CORE2 = 9.0  # squared Mahalanobis distance of the pixels that make a cluster's 
 
 
 class ForegroundRegions(NamedTuple):
-    """K regions of one frame, by decreasing number of pixels."""
+    """K person-sized regions of one frame, by decreasing number of foreground pixels.
 
-    means: Floats  # (K, 2) [px]
-    covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
-    boxes: Floats  # (K, 4) left, top, width, height [px]
-    mass: Floats  # (K,) foreground pixels
-    fill: Floats  # (K,) mass relative to a person in full view at the position
-    person: Floats  # (K, 3) covariance of a person's pixels at the position [px^2]
-    appearance: Floats  # (K, 72) histograms, NaN where not measured
+    Attributes:
+        means: (K, 2) mean x, y [px].
+        covs: (K, 3) covariance xx, xy, yy of the pixels [px^2].
+        boxes: (K, 4) left, top, width, height [px].
+        mass: (K,) number of foreground pixels.
+        fill: (K,) this number relative to a person in full view at the position.
+        person: (K, 3) covariance of a person's pixels at the position [px^2].
+        appearance: (K, 72) colour histograms; NaN where not measured.
+    """
+
+    means: Floats
+    covs: Floats
+    boxes: Floats
+    mass: Floats
+    fill: Floats
+    person: Floats
+    appearance: Floats
 
 
 def cluster_regions(
     image: Bytes, mask: Bytes, side: int, prior: Prior, separate: SeparateSightings | None = None
 ) -> ForegroundRegions:
-    """Person-sized clusters of a frame by EM (`occlog.measure.clusters.stage`).
+    """Person-sized clusters of a frame's foreground by EM (`occlog.measure.clusters.stage`), with boxes and histograms.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
         mask: (height, width), non-zero on the foreground.
-        side: of the cells [px].
-        prior: of the camera.
-        separate: state of the camera: people of a silhouette of several are found by their outlines
-            (`occlog.measure.clusters.merged_silhouettes`); None: by EM alone.
+        side: side of the cells in which pixels are collected [px].
+        prior: size map of people for the camera.
+        separate: frames of the camera with separate people, updated in place: people in a merged silhouette are
+            found by their outlines (`occlog.measure.clusters.merged_silhouettes`); None: by EM alone.
     """
     cells, corners = gather(mask, side)
     clusters = find_clusters(cells, corners, side, prior)
@@ -206,14 +217,16 @@ def cluster_regions(
 def _measure(
     image: Bytes, mask: Bytes, corners: Ints, side: int, cells: Floats, clusters: Clusters
 ) -> tuple[Floats, Floats]:
-    """Boxes (K, 4) around the core of each cluster, and histograms (K, 72) of its pixels.
+    """Boxes (K, 4: left, top, width, height [px]) around the core of each cluster, and colour counts (K, 72).
+
+    The core are cells within 3 standard deviations of the mean; colours are those of all pixels of the cluster.
 
     Args:
         image: (height, width, 3) BGR.
-        mask: (height, width) foreground.
-        corners: (N, 2) left and top pixel of the cells.
-        side: of a cell [px].
-        cells: (N, 6) cell table.
+        mask: (height, width), non-zero on the foreground.
+        corners: (N, 2) left and upper pixel of the cells.
+        side: side of a cell [px].
+        cells: (N, 6) cells: pixels, mean x, y [px], scatter xx, xy, yy [px^2].
         clusters: K clusters, with the labels of the cells.
     """
     n_clusters = clusters.means.shape[0]
@@ -242,9 +255,9 @@ def _measure(
 
 @kernel
 def _distance2(x: float, y: float, mean: Floats, cov: Floats) -> float:
-    """Squared Mahalanobis distance of (x, y) from a cluster; a degenerate one has a minimum variance of 1/12 px^2.
+    """Squared Mahalanobis distance of the pixel (x, y) from a cluster, with 1/12 px^2 added to its variances.
 
-    `mean` (2,) and `cov` (3,: xx, xy, yy) are those of the cluster [px].
+    `mean` (2,) [px] and `cov` (3,: xx, xy, yy [px^2]) are those of the cluster.
     """
     xx, xy, yy = cov[0] + 1.0 / 12.0, cov[1], cov[2] + 1.0 / 12.0
     dx, dy = x - mean[0], y - mean[1]
@@ -253,12 +266,14 @@ def _distance2(x: float, y: float, mean: Floats, cov: Floats) -> float:
 
 @kernel
 def _boxes(edges: Ints, means: Floats, covs: Floats) -> Floats:
-    """(K, 4) boxes left, top, width, height from first and last pixels: pixel x extends from x - 1/2 to x + 1/2.
+    """(K, 4) boxes left, top, width, height [px]; pixel x extends from x - 1/2 to x + 1/2.
+
+    A cluster without pixels gets the box of its ellipse of two standard deviations.
 
     Args:
-        edges: (K, 4) left, top, right and bottom pixel; -1 on the right: none.
+        edges: (K, 4) first and last pixels left, top, right, bottom; right is -1 for a cluster without pixels.
         means: (K, 2) of the clusters [px].
-        covs: (K, 3) of the clusters, for those without own pixels.
+        covs: (K, 3) xx, xy, yy of the clusters [px^2].
     """
     boxes = np.empty((edges.shape[0], 4))
     for k in range(edges.shape[0]):
@@ -276,7 +291,7 @@ CLOSING = 0.2  # side of the closing that joins pieces, over a person's width
 
 
 def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) -> ForegroundRegions:
-    """Connected components of a frame with sufficient foreground for a person.
+    """Connected components of a frame's foreground with enough pixels for a person, with boxes and histograms.
 
     Parts nearer than about a fifth of a person's width are joined first. People who touch in the image are one
     region; a person in several parts is several regions, or none.
@@ -284,8 +299,8 @@ def component_regions(image: Bytes, mask: Bytes, width_px: float, prior: Prior) 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
         mask: (height, width), 255 on the foreground.
-        width_px: of a person.
-        prior: of the camera; of it only the sizes and the smallest share of a person are used.
+        width_px: width of a person in the image [px].
+        prior: gives the sizes of people and the smallest share of a person's pixels; its other fields are not used.
     """
     side = 2 * round(0.5 * CLOSING * width_px) + 1
     joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8)) if side > 1 else mask
@@ -319,14 +334,16 @@ def _regions(moments: Floats, counts: Floats, edges: Ints, person: Floats, perso
 
 @kernel
 def _measure_component(image: Bytes, mask: Bytes, labels: Ints32, wanted: Ints, edges: Ints) -> tuple[Floats, Floats]:
-    """Count, mean and scatter (K, 6) and histograms (K, 72) of the foreground of labelled components.
+    """Measure K labelled components: (K, 6) pixels, mean x, y [px], scatter xx, xy, yy [px^2]; (K, 72) colour counts.
+
+    Only foreground pixels of the component count.
 
     Args:
         image: (height, width, 3) BGR.
         mask: (height, width), non-zero on the foreground.
         labels: (height, width) component of each pixel.
         wanted: (K,) components to measure.
-        edges: (K, 4) left, top, width, height of their boxes, inside the image.
+        edges: (K, 4) left, top, width, height of their boxes [px], inside the image.
     """
     n_regions = wanted.shape[0]
     moments, counts = np.zeros((n_regions, 6)), np.zeros((n_regions, N_BINS))
@@ -358,7 +375,7 @@ MOST = 8
 
 
 def downscale_factor(width_px: float) -> int:
-    """Integer factor for downscaling images in which people are `width_px` wide."""
+    """Integer factor, 1 to `MOST`, for downscaling images in which people are `width_px` pixels wide."""
     return int(np.clip(width_px // ENOUGH_WIDTH_PX, 1, MOST))
 
 
@@ -372,14 +389,14 @@ def downscale(image: Bytes, factor: int) -> Bytes:
 
 
 def downscale_sizes(sizes: SizeMap, factor: int) -> SizeMap:
-    """Size map for images downscaled by `factor`."""
+    """Size map for images downscaled by the integer `factor`: numbers of pixels are divided by its square."""
     width, height = sizes.image_size
     area = float(factor**2)
     return replace(sizes, image_size=(width // factor, height // factor), cov=sizes.cov / area, mass=sizes.mass / area)
 
 
 def enlarge(regions: ForegroundRegions, factor: int) -> ForegroundRegions:
-    """Convert regions of an image downscaled by `factor` to pixels of the original."""
+    """Convert regions of an image downscaled by the integer `factor` to pixels of the original image."""
     if factor == 1:
         return regions
     area = float(factor**2)

@@ -35,7 +35,7 @@ AS_GOOD, NEARLY = 1.1, 1.35
 
 
 def baselines(size: Size, execute: Execute) -> Table:
-    """Table of the RMSE of every filter against the number of cameras, and with four in the further settings."""
+    """Table of the RMSE of every filter against the number of cameras, and with four cameras in further settings."""
     room = square_room(pillar=True)
     counts = (CAMERAS,) if size.quick else (2, 3, CAMERAS, 6, 8)
     points = [_point(name, n, room, size, FILTERS[name]) for n in counts for name in FILTERS]
@@ -61,17 +61,17 @@ def _point(
     priors: Values | None = None,
     observe: Values | None = None,
 ) -> TrialPoint:
-    """Return a point of the table: series, x and the specification of its trial.
+    """Point of the table: series, x and the specification of its trial.
 
     Args:
-        series: its name.
+        series: name of the series.
         n: number of cameras (x).
-        scene: YAML text.
+        scene: YAML text of the scene.
         size: steps and seed.
-        settings: of the filter; those of `apf` come on top of those of all figures.
+        settings: settings of the filter; for particles in addition to those of all figures.
         simulate: settings of the world.
         priors: kind of priors; None: none.
-        observe: settings of the observations; None: the defaults.
+        observe: settings of the measurements; None: the defaults.
     """
     more = {} if observe is None else {"observe": {"diameter": 3.33, **observe}}
     spec = trial(scene, size, simulate, priors or {"kind": "none"}, cameras=names(SQUARE_ORDER[:n]), **more)
@@ -80,7 +80,7 @@ def _point(
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on what Sec. 4 states about Kalman filters, at every number of cameras."""
+    """Verdicts on what [Ercan] Sec. 4 states about Kalman filters, for every number of cameras."""
 
     def lower(key: str, statement: str, low: str, high: str) -> StatementVerdict:
         return v.pairs(f"baselines-{key}", statement, v.matched(table, low, high))

@@ -40,6 +40,9 @@ LEFT, SOME = 10.0, 3.0
 def figures_of(spec: Spec) -> dict[str, float]:
     """Track one target by all three ways, in one simulated world with `spec["others"]` other objects.
 
+    Args:
+        spec: `scene` (YAML text), `seed`, `steps`, `particles` and `others`.
+
     Returns:
         For each way `<way>, rmse`, `<way>, ess` (mean effective particles of the target) and `<way>, seconds` (CPU;
         of both passes for the way that has two).
@@ -78,16 +81,16 @@ def _tracked(
     targets: tuple[int, ...] | None = None,
     priors: Occluders | None = None,
 ) -> tuple[list[TrackChunk], float]:
-    """Return the chunks of tracks of a method, and its CPU time [s].
+    """Track with one method; return the chunks of tracks, and the CPU time [s].
 
     Args:
-        scene: the scene.
-        bearings: of all its sensors; some are used.
+        scene: scene.
+        bearings: bearings of all its sensors, of which those of the first `CAMERAS` cameras are used.
         config: settings of the method.
-        seed: of its random numbers.
-        method: its name.
+        seed: seed of its random numbers.
+        method: name of the method.
         targets: labels that are tracked; None: all.
-        priors: of the occluders; None: without.
+        priors: priors of the occluders; None: none.
     """
     start = time.process_time()
     sensors = frozenset(names(SQUARE_ORDER[:CAMERAS]))
@@ -97,7 +100,7 @@ def _tracked(
 
 
 def priors_of(tracks: Tracks) -> Occluders | None:
-    """The Gaussians of filters as priors of occluders; None without tracks."""
+    """Gaussian priors of occluders from the estimates of tracks; None without rows."""
     if not len(tracks):
         return None
     return Occluders.of(
@@ -112,7 +115,7 @@ def priors_of(tracks: Tracks) -> Occluders | None:
 
 
 def joint_states(size: Size, execute: Execute) -> Table:
-    """Return the table of RMSE, cost and effective particles against the number of objects, target included."""
+    """Table of RMSE, CPU time and effective particles against the number of objects, target included."""
     counts = (1, 4) if size.quick else (1, 2, 4, 9, 19)
     plain = {"scene": square_room(pillar=True), "steps": size.steps, "particles": size.particles}
     specs = [{**plain, "others": m, "seed": size.seed + run} for run in range(size.runs) for m in counts]
@@ -134,7 +137,7 @@ def _row(name: str, objects: int, results: list[dict[str, float]]) -> PaperRow:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether one state of all objects is prohibitive for many of them, and compare the errors."""
+    """Verdicts on whether one joint state is prohibitive for many objects, and on its error; empty for few rows."""
     joint = v.series(table, JOINT)
     if len(joint) < 2:
         return []

@@ -76,7 +76,7 @@ MEETINGS = 7
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recorded target: its own bearings, and the stand-in for its true path."""
+    """A recorded target: scene, its own labelled bearings, and the stand-in for its true path at all their times."""
 
     scene: Scene
     bearings: Bearings  # of the target alone, labelled
@@ -95,10 +95,12 @@ class Recorded:
 
 
 def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
-    """Find the target of a recording in metres; InputError if missing, or fewer than two cameras see it.
+    """Find the target of a recording in metres, with its own detections and the stand-in for its true path.
+
+    InputError if the unit is another one, or there are too few detections, or cameras that detect it.
 
     Args:
-        scene: cameras with poses.
+        scene: scene with cameras that have poses.
         bearings: labelled or not; of labelled ones only those of the first target are used.
     """
     if scene.length_unit != "m":
@@ -119,9 +121,9 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
 
 
 def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
-    """Return one row of every camera and frame: its detection nearest to a track, or "not seen" where none is near.
+    """One row for every camera and frame: its detection nearest to the track, or "not seen" if none is in the gate.
 
-    Labels of the detections are not used.  Microphone arrays are skipped, since they see nothing.
+    Labels of the detections are not used.  Microphone arrays are skipped.
     """
     own = bearings.take(np.isin(bearings.sensor, [c.name for c in scene.cameras]))
     free = replace(own, target_id=np.full(len(own), UNLABELLED, dtype=np.int32))
@@ -130,7 +132,7 @@ def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
 
 
 def unseen(bearings: Bearings, rows: Bools) -> Bearings:
-    """Return the bearings with "not seen" in some rows, (n,) true."""
+    """Bearings with some rows, selected by the mask `rows` (n,), changed to "not seen"."""
     nothing = {
         n: np.where(rows, np.nan, getattr(bearings, n)) for n in ("bearing", "sigma", "u_px", "sigma_px", "score")
     }
@@ -138,15 +140,15 @@ def unseen(bearings: Bearings, rows: Bools) -> Bearings:
 
 
 def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
-    """Place the target at each time of its bearings, from the first meeting of lines of sight to the last.
+    """Path of the target from the first intersection of its lines of sight to the last, smoothed, as truth.
 
     Args:
-        scene: cameras with poses.
-        mine: the target's own bearings.
-        lines: number of lines of sight that must meet, at least 2.
+        scene: scene with cameras that have poses.
+        mine: the target's own bearings, at the times of which it is placed.
+        lines: number of lines of sight that must intersect, at least 2.
 
     Raises:
-        InputError: too few meetings to smooth.
+        InputError: too few intersections to smooth.
     """
     met = triangulated_points(mine, scene, EvaluateConfig(triangulation_min_sensors=lines))[TARGET]
     good = met.status == TRIANGULATED
@@ -171,13 +173,13 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
 
 
 def smoothed(at: Ints, xy: Floats, weight: Floats, times: Ints) -> Floats:
-    """Return (n, 2) positions at `times` on parabolas fitted to the nearest points by weighted least squares.
+    """(n, 2) positions at `times` on parabolas fitted to the `MEETINGS` nearest points by weighted least squares.
 
     Args:
-        at: (S,) times of the points, rising, at least `MEETINGS` of them.
+        at: (S,) rising times of the points [ns], at least `MEETINGS` of them.
         xy: (S, 2) points.
-        weight: (S,) one over their standard deviations.
-        times: (n,) from the first of `at` to the last.
+        weight: (S,) inverse standard deviations of the points.
+        times: (n,) times [ns] from the first of `at` to the last.
     """
     out = np.empty((len(times), 2))
     for i, t in enumerate(times.tolist()):
@@ -218,7 +220,10 @@ CLEAR = "clear"
 
 
 class RecordedFiles(NamedTuple):
-    """Files of a recording by absolute paths, and hashes of their content."""
+    """Files of a recording by absolute paths, and the SHA-256 of each.
+
+    Either the folder `data` of cmc_detections, or `bearings` and `scene`; the others are empty.
+    """
 
     data: str  # folder of cmc_detections; empty: `bearings` and `scene` are given
     bearings: str
@@ -248,7 +253,10 @@ def read_source(source: RecordedFiles) -> tuple[Scene, Bearings]:
 
 
 def read_cmc(folder: Path) -> tuple[Scene, Bearings]:
-    """Read CMC1 as `ingest` and `detect` do: scene and unlabelled bearings; InputError for missing files."""
+    """Read the recording CMC1 of a folder as `ingest` and `detect` do: scene and unlabelled bearings.
+
+    InputError for missing files.
+    """
     table, *calibration = _files(folder)
     cameras = read_calibration(calibration, "projection", CalibrationOptions(None, IMAGE)).cameras
     scene = replace(Scene(), cameras=cameras, room=np.array(ROOM))
@@ -260,7 +268,7 @@ def read_cmc(folder: Path) -> tuple[Scene, Bearings]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Return the table and the calibration files of cmc_detections; InputError if one of them is missing."""
+    """Table and calibration files of the folder cmc_detections; InputError if one of them is missing."""
     table, calibration = folder / TABLE, folder / CALIBRATION
     for path, there in ((table, table.is_file()), (calibration, calibration.is_dir())):
         if not there:
@@ -269,7 +277,11 @@ def _files(folder: Path) -> list[Path]:
 
 
 class VirtualCrowd(NamedTuple):
-    """The virtual people of a run, and the recording that they leave."""
+    """Virtual people of a run, and what is left of the recording's detections.
+
+    True paths of the people; mask of the bearings with a detection that they hide; all bearings, "not seen" where
+    hidden; priors of the people by kind (none, known, kalman).
+    """
 
     people: Truth
     gone: Bools  # rows of the bearings with a detection that is dropped
@@ -278,7 +290,7 @@ class VirtualCrowd(NamedTuple):
 
 
 def crowd_size(scene: Scene) -> int:
-    """Return the number of virtual people for a scene."""
+    """Number of virtual people for a scene: as dense as in the paper's lab, or `OCCLUDERS` without a room."""
     if scene.room is None:
         return OCCLUDERS
     x, y = scene.room.T
@@ -287,7 +299,7 @@ def crowd_size(scene: Scene) -> int:
 
 
 def occluders_of(recorded: Recorded, seed: int) -> Truth:
-    """Draw the walks of virtual people in the recording's time, as dense and as thick as in the paper's lab."""
+    """Simulate the walks of virtual people during a recording, as dense and as wide as in the paper's lab."""
     t_ns, scene = recorded.positions.t_ns, recorded.scene
     span = int(t_ns[-1] - t_ns[0])
     # Steps of equal length, close to the median: people of a recording of constant rate have the times of its frames.
@@ -305,12 +317,12 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 
 
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
-    """Return the mask (n,) of bearings whose line of sight to the target a person crosses ([Ercan] Fig. 3, A(x)).
+    """(n,) mask of detections whose line of sight to the target a virtual person blocks ([Ercan] Fig. 3, A(x)).
 
     Args:
         recorded: n bearings, and the target's positions.
         people: positions of the virtual people.
-        diameter: of a person [m].
+        diameter: diameter of a person [m].
     """
     bearings, positions = recorded.bearings, recorded.positions
     times = np.unique(people.t_ns)
@@ -325,11 +337,7 @@ def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Boo
 
 
 def crowd_of(recorded: Recorded, seed: int) -> VirtualCrowd:
-    """Return virtual people drawn with a seed, the same for all settings, and what they change in the recording.
-
-    That is the mask of the detections that they hide, the bearings with these marked as not seen, and the priors of the
-    people by kind.
-    """
+    """Simulate virtual people with a seed, the same for all settings, and what they change in the recording."""
     people = occluders_of(recorded, seed)
     gone = hidden(recorded, people)
     priors = {
@@ -352,12 +360,12 @@ def trial(
     """Track the target among virtual people and compare with its path.
 
     Args:
-        recorded: the target.
-        crowd: the people.
-        kind: priors of the people: none, known or kalman; or `CLEAR`.
+        recorded: recorded target.
+        crowd: virtual people.
+        kind: priors of the people: none, known or kalman; or `CLEAR` for no people.
         cameras: names of the cameras that are used.
         size: particles, and number of the recording's times that are used.
-        seed: of the filter.
+        seed: seed of the filter.
         select: policy of selection among the cameras; None: all are used.
 
     Returns:
@@ -377,12 +385,12 @@ def trial(
 
 
 def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
-    """Return the settings of a trial's filter.
+    """Settings of a trial's filter.
 
     Args:
         recorded: gives the target's start.
         size: number of particles.
-        kind: of the priors; `none`: their detection probability is not stated.
+        kind: kind of the priors; for `none` no detection probability is assumed.
     """
     return replace(
         ApfConfig.in_unit("m"),
@@ -395,7 +403,7 @@ def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
 
 
 def _error(recorded: Recorded, tracks: Tracks) -> float:
-    """Return the RMSE [m] against the stand-in for the truth, without the first `SKIP` estimates.
+    """RMSE [m] of the tracks against the stand-in for the truth, without the first `SKIP` estimates.
 
     InputError if there are no others.
     """
@@ -409,14 +417,14 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
 
 
 def recorded_spec(source: RecordedFiles, size: Size, run: int, kind: str, cameras: list[str], **more: object) -> Spec:
-    """Return the specification of a trial for `recorded_trial`.
+    """Specification of a trial for `recorded_trial`, as plain values.
 
     Args:
         source: files of the recording.
         size: steps, particles, and the seed of all runs.
         run: number of the run.
-        kind: of the priors: `none`, `kalman` or `known`.
-        cameras: names of those that are used.
+        kind: kind of the priors: `none`, `kalman`, `known` or `clear`.
+        cameras: names of the cameras that are used.
         **more: further values of the trial.
     """
     return {
@@ -455,7 +463,7 @@ def recorded_trial(spec: Spec) -> dict[str, float]:
 
 @functools.lru_cache(maxsize=1)
 def target_of(source: RecordedFiles) -> Recorded:
-    """Return the target of a recording; the last one is kept, as all trials of a process have the same."""
+    """Recorded target of the files `source`; the last one is cached, as all trials of a process have the same."""
     return recorded_target(*read_source(source))
 
 
@@ -474,7 +482,7 @@ Figures = dict[str, float]
 
 
 def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Experiment, Experiment]:
-    """Make the two experiments on a recorded target; the full form uses all of its times."""
+    """Two experiments on a recorded target, as [Ercan] Figs. 14 and 15; the full form uses all of its times."""
     steps, names = len(recorded.positions), recorded.cameras
     quick = (2, min(60, steps))
     note = (
@@ -508,7 +516,7 @@ def recorded_experiments(source: RecordedFiles, recorded: Recorded) -> tuple[Exp
 def fig14(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
     """Table of the RMSE against the number of cameras, the root mean square over all sets of that number.
 
-    `names`: of the cameras of the recording.
+    `names` are those of the cameras of the recording `source`.
     """
     counts = range(2, len(names) + 1)
     sets = [list(some) for n in counts for some in combinations(names, n)]
@@ -523,7 +531,7 @@ def fig14(source: RecordedFiles, names: Sequence[str], size: Size, execute: Exec
 
 
 def _over(found: Sequence[Figures]) -> Figures:
-    """Average the figures of one run over sets of cameras: root mean squares and means."""
+    """Average the figures of one run over sets of cameras: root mean square of `rmse`, means of the others."""
     mean = {name: math.fsum(f[name] for f in found) / len(found) for name in ("rmse_occ", "hidden")}
     return {"rmse": math.sqrt(math.fsum(f["rmse"] ** 2 for f in found) / len(found)), **mean}
 
@@ -531,7 +539,7 @@ def _over(found: Sequence[Figures]) -> Figures:
 def fig15(source: RecordedFiles, names: Sequence[str], size: Size, execute: Execute) -> Table:
     """Table of the RMSE against the number of selected cameras, with priors and the weak-perspective model.
 
-    `names`: of the cameras of the recording.
+    `names` are those of the cameras of the recording `source`.
     """
     points = list(_selections(len(names)))
     specs = [
@@ -564,7 +572,7 @@ def _row(name: str, x: float, runs: Sequence[Figures]) -> PaperRow:
 
 
 def judge14(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 14."""
+    """Verdicts on [Ercan] Fig. 14, for a recording: priors of occluders and more cameras lower the error."""
     item = ITEMS[0]
     out = [
         v.pairs(f"{item}-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -577,7 +585,7 @@ def judge14(table: Table) -> list[StatementVerdict]:
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 15."""
+    """Verdicts on [Ercan] Fig. 15, for a recording: greedy selection against brute force and heuristic policies."""
     item, statement = ITEMS[1], "Greedy selection is close to brute force."
     out = [v.close(f"{item}-brute-force", statement, v.matched(table, GREEDY, BRUTE))]
     for name in HEURISTICS:

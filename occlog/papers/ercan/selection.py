@@ -62,9 +62,10 @@ def _select(policy: str, count: int, order: Sequence[int], every: float, model: 
 
 
 def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
-    """Return the settings of the selection of k cameras by series.
+    """Settings of the selection of k cameras by each policy, by the name of the series.
 
-    `order`: numbers of the cameras, in order; `both`: with both camera models, else the weak one.
+    `order` has the numbers of the cameras in the order of the fixed policy; `both`: with both camera models, else
+    with the weak-perspective one alone.
     """
     out, every = {}, EVERY if both else LAB_EVERY
     for name, policy in ((GREEDY, "greedy"), (BRUTE, "brute-force")):
@@ -75,7 +76,7 @@ def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
 
 
 def fig12(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the number of selected cameras in the L-shaped room."""
+    """Table of the RMSE against the number of selected cameras in the L-shaped room."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6)
     scene, priors = l_room(), kalman(L_SIGMA)
     points = [
@@ -88,7 +89,7 @@ def fig12(size: Size, execute: Execute) -> Table:
 
 
 def judge12(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 12."""
+    """Verdicts on [Ercan] Fig. 12: greedy selection of cameras against brute force, heuristics and all cameras."""
     six, everything = v.find(table, GREEDY, 6), v.find(table, ALL)
     out = [
         v.close("fig12-brute-force", "Greedy selection is close to brute force.", v.matched(table, GREEDY, BRUTE)),
@@ -129,7 +130,7 @@ def _heuristics(item: str, table: Table) -> list[StatementVerdict]:
 
 
 def lab_trial(size: Size, priors: Values, **more: Any) -> Spec:
-    """Return the specification of a trial in the stand-in for the lab; its RMSE leaves out the first `LAB_SKIP` steps.
+    """Specification of a trial in the stand-in for the lab; its RMSE leaves out the first `LAB_SKIP` steps.
 
     Args:
         size: steps, particles and seed.
@@ -153,7 +154,7 @@ def fig15(size: Size, execute: Execute) -> Table:
 
 
 def judge15(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 15."""
+    """Verdicts on [Ercan] Fig. 15: greedy selection of cameras in the lab against brute force and heuristics."""
     statement = "Greedy selection is close to brute force."
     out = [v.close("fig15-brute-force", statement, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
@@ -188,7 +189,7 @@ FIG15 = Experiment(
 
 
 def fig14(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the number of cameras, for known positions, priors and neither."""
+    """Table of the RMSE against the number of cameras, for known positions of occluders, priors, and neither."""
     counts = (2, 5, 9) if size.quick else tuple(range(1, 10))
     kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(LAB_SIGMA, LAB_Q), KNOWN: kalman(0.0)}
     points = [
@@ -200,7 +201,7 @@ def fig14(size: Size, execute: Execute) -> Table:
 
 
 def judge14(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 14."""
+    """Verdicts on [Ercan] Fig. 14: priors of occluders and more cameras lower the error."""
     known_none = v.matched(table, KNOWN, NONE)
     out = [
         v.pairs("fig14-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -233,7 +234,7 @@ PERIODS, QUICK_PERIODS = (1, 5, 25), (1, 25)
 
 
 def by_period(size: Size, execute: Execute) -> Table:
-    """Table of the RMSE with greedily selected cameras against the steps between selections.
+    """Table of the RMSE with greedily selected cameras against the number of steps between selections.
 
     Runs of one number have the same world for all periods.
     """
@@ -252,7 +253,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on whether the error is lower with more frequent selections."""
+    """Verdict, as a list, on whether the RMSE is lower the more often cameras are selected; table of `by_period`."""
     rows = v.series(table, GREEDY)
     statement = "Selecting again more often gives better tracking: RMSE lower with the shorter time, by."
     return [v.pairs("selection-period", statement, list(pairwise(rows)))]

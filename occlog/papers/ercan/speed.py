@@ -44,7 +44,7 @@ LINEAR, NEARLY = 1.3, 1.6
 
 
 class LikelihoodInput(NamedTuple):
-    """Arguments of the likelihood at one step: particles (L, 2), packed scan, and priors by kind."""
+    """Input of the likelihood at one step: L particles (L, 2), packed scan, and priors by name of the series."""
 
     xy: Floats  # (L, 2) positions of the particles
     packed: PackedScan
@@ -52,7 +52,7 @@ class LikelihoodInput(NamedTuple):
 
 
 class LikelihoodForm(NamedTuple):
-    """One form of the likelihood to be timed."""
+    """One form of the likelihood to be timed: name of its series, and settings of the filter."""
 
     series: str
     config: ApfConfig
@@ -67,9 +67,9 @@ LIKELIHOOD_FORMS = (
 
 
 def fig10(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Measure the CPU time of the likelihoods of a step, relative to two cameras without priors.
+    """Measure the CPU time of the likelihoods of a step, relative to two cameras without priors, as a table.
 
-    All forms take turns at the same steps; a run is one pass over its own world.
+    All forms are timed at the same steps; a run is one pass over its own world. x is the number of cameras.
     """
     scene = scene_from_yaml(square_room(pillar=True), "scene")
     counts = (2, 4, 8) if size.quick else tuple(range(1, 9))
@@ -98,14 +98,14 @@ def _world(scene: Scene, size: Size, run: int) -> tuple[Truth, Bearings]:
 
 
 def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -> Iterator[LikelihoodInput]:
-    """Generate the input of a filter at each step: reports of n cameras, priors, and particles around the target.
+    """Generate the input of a filter at each step: measurements, priors, and particles around the target.
 
     Args:
-        scene: the scene.
+        scene: scene.
         truth: positions of target and occluders.
-        bearings: of all cameras.
+        bearings: bearings of all cameras.
         n: number of cameras that are used.
-        size: particles and seed.
+        size: number of particles, and seed.
     """
     known = OccluderFeed([Occluders.concat(list(known_positions([truth])))], 3.33, 10**10)
     guessed = OccluderFeed([Occluders.concat(list(virtual_priors([truth], 8.0, 1.2, size.seed)))], 3.33, 10**10)
@@ -123,9 +123,9 @@ def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -
 
 
 def _measure(taken: dict[tuple[str, int], list[float]], scene: Scene, n: int, steps: list[LikelihoodInput]) -> None:
-    """Measure the CPU time [s] of all steps for every form, and append it to `taken` by form and n.
+    """Measure the CPU time [s] of all steps for every form, and append it to `taken`, by form and n.
 
-    `n`: number of cameras; one step is computed before, to compile.
+    `n` is the number of cameras; one step is computed before, to compile the kernels.
     """
     for form in LIKELIHOOD_FORMS:
         compute = _likelihood(scene, form)
@@ -164,7 +164,7 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
 
 
 def judge10(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 10, from two cameras on."""
+    """Verdicts on [Ercan] Fig. 10, from two cameras on: the time grows about linearly with the cameras, not as 2^N."""
     own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in LIKELIHOOD_FORMS}
     none, out = own[NONE], []
     for key, name in (("recursion", RECURSION), ("independent", INDEPENDENT)):
@@ -187,7 +187,7 @@ def judge10(table: Table) -> list[StatementVerdict]:
 
 
 def _growth(rows: list[PaperRow]) -> PaperRow:
-    """Return the growth of CPU time from the fewest cameras to the most, run by run."""
+    """Ratio of the CPU time with the most cameras to that with the fewest, run by run, as a row."""
     growth = tuple(b / a for a, b in zip(rows[0].values, rows[-1].values, strict=True))
     return PaperRow("growth", math.nan, growth)
 

@@ -49,9 +49,9 @@ def _cameras(n: int) -> list[str]:
 
 
 def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) -> Table:
-    """Return the table of the RMSE against the number of cameras, for known positions, priors and neither.
+    """Table of the RMSE against the number of cameras, for known positions, priors and neither.
 
-    `counts`: numbers of cameras; None: those of the paper, or of the quick form.
+    `counts` are the numbers of cameras; None: those of the paper, or of the quick form.
     """
     scene = square_room(pillar=True)
     counts = counts or ((1, 2, 4, 6, 8) if size.quick else tuple(range(1, 9)))
@@ -65,7 +65,7 @@ def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) ->
 
 
 def judge6(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 6."""
+    """Verdicts on [Ercan] Fig. 6: known positions have a lower error than priors, these than none; cameras lower it."""
     middle = (3, 4, 5, 6)
     out = [
         v.pairs(
@@ -88,7 +88,7 @@ def judge6(table: Table) -> list[StatementVerdict]:
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the error of the priors, with four cameras and no static occluder."""
+    """Table of the RMSE against the error of the occluders' priors, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     sigmas = (0.0, 4.0, 16.0) if size.quick else (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
     points = [TrialPoint(PRIOR, s, trial(scene, size, M40, kalman(s), cameras=_cameras(4))) for s in sigmas]
@@ -105,7 +105,10 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def crossing(rows: list[PaperRow]) -> PaperRow | None:
-    """Interpolate, run by run, where the RMSE equals the error of the priors; None: nowhere between two rows."""
+    """Interpolate, run by run, where the RMSE equals the error of the priors; None if it does between no two rows.
+
+    `rows` have the error of the priors as x, rising, and RMSE as values. Returns a row with the mean crossing as x.
+    """
     for a, b in pairwise(rows):
         if a.mean >= a.x and b.mean < b.x:
             share = (a.mean - a.x) / ((a.mean - a.x) + (b.x - b.mean))
@@ -115,7 +118,7 @@ def crossing(rows: list[PaperRow]) -> PaperRow | None:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 7."""
+    """Verdicts on [Ercan] Fig. 7: how the tracking error depends on that of the priors of occluders."""
     rows, none = v.series(table, PRIOR), v.find(table, NONE)
     known = rows[0] if rows else None
     cross = crossing(rows)
@@ -166,15 +169,15 @@ def fig8(size: Size, execute: Execute) -> Table:
 
 
 def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> float:
-    """Return the greatest error of the priors with which the RMSE is still `target`, by linear interpolation.
+    """Largest error of the priors at which the RMSE is still at most `target`, by linear interpolation.
 
     NaN if the RMSE is larger even with known positions; the last of the grid (no priors) if it is
     smaller even there.
 
     Args:
         grid: errors of the priors, rising.
-        rmse: at each of them.
-        target: RMSE.
+        rmse: RMSE at each of them.
+        target: required RMSE.
     """
     if rmse[-1] <= target:
         return grid[-1]
@@ -185,7 +188,7 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
 
 
 def judge8(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 8."""
+    """Verdicts on [Ercan] Fig. 8: with more cameras the priors may be less accurate for an equal error, or missing."""
     rows = [r for r in v.series(table, NEEDED) if r.runs]
     statement = "The more cameras, the less accurate the priors may be for an RMSE of 3."
     last, worst = (rows[-1] if rows else None), v.find(table, WORST)
@@ -202,7 +205,7 @@ def judge8(table: Table) -> list[StatementVerdict]:
 
 
 def fig9(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the number of occluders, with four cameras and no static occluder."""
+    """Table of the RMSE against the number of occluders, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     counts = (1, 40, 80) if size.quick else (1, 5, 10, 20, 30, 40, 60, 80, 100, 120)
     points = [
@@ -214,7 +217,7 @@ def fig9(size: Size, execute: Execute) -> Table:
 
 
 def judge9(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 9."""
+    """Verdicts on [Ercan] Fig. 9: known positions of occluders help most at a medium number of them."""
     both = v.matched(table, KNOWN, NONE)
     if len(both) < 3:
         return []
@@ -237,10 +240,10 @@ def _gap(pair: v.Pair) -> PaperRow:
 
 
 def _spread(item: str, wide: list[PaperRow], narrow: list[PaperRow]) -> StatementVerdict:
-    """Return the verdict on whether the error differs more from run to run where less is known of the occluders.
+    """Verdict on whether the error varies more from run to run with less knowledge of the occluders.
 
     Args:
-        item: figure, begins the id of the verdict.
+        item: name of the figure, which begins the id of the verdict.
         wide: rows without priors.
         narrow: rows with known positions.
     """
@@ -249,10 +252,10 @@ def _spread(item: str, wide: list[PaperRow], narrow: list[PaperRow]) -> Statemen
 
 
 def _deviations(wide: list[PaperRow], narrow: list[PaperRow]) -> Measure:
-    """Return the quotient of the deviations over the runs, each the root of the mean square over its rows.
+    """Ratio of the standard deviations over the runs of `wide` to those of `narrow`, with its error.
 
-    A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).  The rows have the same worlds, so
-    that more rows do not lower it.
+    Each is the root mean square over its rows. A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).
+    The rows have the same worlds, so that more rows do not lower it. NaN for fewer than two runs.
     """
     upper, lower = (math.sqrt(math.fsum(r.sd**2 for r in rows) / len(rows)) for rows in (wide, narrow))
     runs = min(r.runs for r in [*wide, *narrow])

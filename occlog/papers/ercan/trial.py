@@ -36,7 +36,7 @@ EACH = ("rmse_occ",)
 
 
 class TrialPoint(NamedTuple):
-    """One point of a figure: its trial description without run number."""
+    """One point of a figure: name of the series, x, and the specification of its trial without run number."""
 
     series: str
     x: float
@@ -52,12 +52,12 @@ def trial(
     cameras: Sequence[str] | None = None,
     **more: Any,
 ) -> Spec:
-    """Describe a trial of `occlog.pipeline.sweep.trial.run_trial`.
+    """Specification of a trial of `occlog.pipeline.sweep.trial.run_trial`.
 
     Args:
         scene: scene file as text.
         size: steps, particles and seed.
-        simulate: settings of the simulated world also its steps.
+        simulate: settings of the simulated world, perhaps with another number of steps.
         priors: kind and settings of the occluders' priors.
         cameras: names of the cameras that are used; None: all.
         more: further entries; those of `track` are settings of the filter.
@@ -74,7 +74,7 @@ def trial(
 
 
 def run_points(points: Sequence[TrialPoint], size: Size, execute: Execute) -> Table:
-    """Run all trials, and return a row for every point, with the RMSE of each run.
+    """Run the trials of all points, and return a row for every point, with the RMSE of each run.
 
     Runs of one number have the same world at all points.
     """
@@ -93,12 +93,12 @@ def _row(point: TrialPoint, results: Sequence[Mapping[str, float]]) -> PaperRow:
 
 
 def worst_case(scene_text: str, simulate: Values, size: Size) -> PaperRow:
-    """Return RMSE_max of [Ercan] Sec. 6.1: the error of the middle of the room's bounding box as the estimate.
+    """RMSE_max of [Ercan] Sec. 6.1 as a row: the error of the middle of the room's bounding box as the estimate.
 
     The targets are drawn as those of the trials, without moving occluders.
 
     Args:
-        scene_text: YAML text.
+        scene_text: YAML text of the scene.
         simulate: settings of the world.
         size: runs, steps and seed.
     """
@@ -117,9 +117,9 @@ def worst_case(scene_text: str, simulate: Values, size: Size) -> PaperRow:
 
 
 def judge_worst_case(table: Table, item: str, paper: float) -> list[StatementVerdict]:
-    """Return the verdict on the error without tracking (row of `worst_case`) against that of the paper.
+    """Verdict on the error without tracking (row of `worst_case`) against that of the paper, as a list.
 
-    Empty if the table has no such row. `item`: figure, begins the id; `paper`: printed number.
+    Empty if the table has no such row. `item` is the figure, which begins the id; `paper` the printed number.
     """
     row = find(table, WORST)
     if row is None:
@@ -129,9 +129,9 @@ def judge_worst_case(table: Table, item: str, paper: float) -> list[StatementVer
 
 
 def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[StatementVerdict]:
-    """Return the verdict on the error of the priors, the mean over the rows with priors, run by run.
+    """Verdict on the error of the priors, the mean over the rows with priors, run by run, as a list.
 
-    Empty without such rows. `item`: figure, begins the id; `paper`: printed number.
+    Empty without such rows. `item` is the figure, which begins the id; `paper` the printed number.
     """
     given = [own for r in rows if (own := r.each.get("rmse_occ")) and min(own) > 0.0]
     if not given:
@@ -142,11 +142,11 @@ def priors_error(item: str, rows: Sequence[PaperRow], paper: float) -> list[Stat
 
 
 def kalman(sigma: float, q: float = 1.2) -> Values:
-    """Return the values of a trial for priors by a Kalman filter on virtual measurements.
+    """Values of a trial that select priors by a Kalman filter on virtual measurements, or known positions.
 
     Args:
         sigma: standard deviation of the measurements; 0: known positions.
-        q: process noise of the velocity.
+        q: process noise of the velocity, accumulated over 1 s.
     """
     return (
         {"kind": "kalman", "measurement_noise": sigma, "process_noise_velocity": q} if sigma > 0 else {"kind": "known"}
@@ -188,24 +188,24 @@ LAB_SIZE = (264.0, 228.0)
 
 
 def names(numbers: Sequence[int]) -> list[str]:
-    """Return the names of the cameras with these numbers."""
+    """Names `cam1`, `cam2`, ... of the cameras with these numbers."""
     return [f"cam{n}" for n in numbers]
 
 
 def square_room(*, pillar: bool) -> str:
-    """Return the YAML text of the room of Fig. 5: 100 x 100, eight cameras, with its static occluder if `pillar`."""
+    """YAML text of the room of [Ercan] Fig. 5: 100 x 100, eight cameras, with its static occluder if `pillar`."""
     box = [(40, 40), (60, 40), (60, 60), (40, 60)] if pillar else None
     return _scene("unit", [(0, 0), (100, 0), (100, 100), (0, 100)], box, cameras=SQUARE, focal=70.0, fov=90.0, yaw=0.01)
 
 
 def l_room() -> str:
-    """Write the L-shaped room of Fig. 11: 160 x 160 without [53, 160]^2, twelve cameras."""
+    """YAML text of the L-shaped room of [Ercan] Fig. 11: 160 x 160 without [53, 160]^2, twelve cameras."""
     room = [(0, 0), (160, 0), (160, 53), (53, 53), (53, 160), (0, 160)]
     return _scene("unit", room, None, cameras=L_SHAPE, focal=70.0, fov=90.0, yaw=0.01)
 
 
 def lab() -> str:
-    """Write a stand-in for the lab of Fig. 13, in inches.
+    """YAML text of a stand-in for the lab of [Ercan] Fig. 13, in inches.
 
     Sixteen cameras of 47 degrees counter-clockwise along the walls, four to a wall from
     corner 1 on, which point at the middle of the room; images 640 px wide; one static
@@ -232,13 +232,13 @@ def _scene(
     fov: float,
     yaw: float,
 ) -> str:
-    """Return the YAML text of a scene, with sigma_pos 1 and sigma_read 2 px of every camera.
+    """YAML text of a scene; every camera has the noise sigma_pos 1 and sigma_read 2 px.
 
     Args:
-        unit: of lengths.
-        room: corners.
+        unit: length unit.
+        room: corners of the room.
         box: corners of a static occluder; None: none.
-        cameras: x, y and direction [deg] of each.
+        cameras: x, y and yaw [deg] of each camera.
         focal: focal length [px].
         fov: field of view [deg].
         yaw: standard deviation of the yaw [rad].

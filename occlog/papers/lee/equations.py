@@ -33,7 +33,7 @@ EXAMPLES = 100
 
 
 class LeeStatement(NamedTuple):
-    """A statement, and the range of its quantity."""
+    """A statement, the range of its quantity in which it is reproduced, and that rule in words."""
 
     statement: str
     good: v.Interval
@@ -109,7 +109,10 @@ STATEMENTS: Mapping[str, LeeStatement] = {
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Return the table of the quantity of every statement; a row each, numbered by x."""
+    """Table of one quantity for each statement on the printed equations, a row each, with x as its number from 1.
+
+    The quantity is a deviation, a share or a ratio; nothing is run.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 1)))
     found = {
         **_turns(),
@@ -126,7 +129,7 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on each statement by its quantity, which has no error bar."""
+    """Verdicts on each statement on the printed equations by its quantity, which has no error bar."""
     return [
         v.judge(row.series, s.statement, exact(row.mean), s.good, rule=s.rule)
         for row in table
@@ -135,7 +138,7 @@ def judge(table: Table) -> list[StatementVerdict]:
 
 
 def _turns() -> dict[str, float]:
-    """Compare (2.13) and (3.12) with a turn, and the sign of their rate with the name of the model."""
+    """Largest deviations of [Lee] Eqs. 2.13 and 3.12 from a coordinated turn, and how far clockwise they turn [rad]."""
     rate = 0.3
     s, c, n = math.sin(rate) / rate, (1.0 - math.cos(rate)) / rate, rate
     printed = [[1, s, 0, -c], [0, c, 1, s], [0, math.cos(n), 0, -math.sin(n)], [0, math.sin(n), 0, math.cos(n)]]
@@ -150,15 +153,15 @@ def _turns() -> dict[str, float]:
 
 
 def _propagator(a: float, velocity: float, step: float) -> Floats:
-    """Return the transition matrix (2.15) of one axis, [position, velocity], over the time `step` [s].
+    """Transition matrix (2, 2) of position and velocity along one axis over `step` [s], as printed in [Lee] Eq. 2.15.
 
-    `a`: acceleration; `velocity`: by which it is divided.
+    `a` is the acceleration [m/s^2]; `velocity` [m/s] that by which it is divided there.
     """
     return np.array([[1.0, a * step**2 / (2.0 * velocity) + step], [0.0, a * step / velocity + 1.0]])
 
 
 def _acceleration(rng: np.random.Generator) -> dict[str, float]:
-    """Compare (2.15) with motion at constant acceleration, and with the gradient of that motion."""
+    """Largest deviations of [Lee] Eq. 2.15 from motion at constant acceleration, and from that motion's gradient."""
     moved, gradient = 0.0, 0.0
     for x, velocity, a in zip(*rng.uniform(0.5, 2.0, (3, EXAMPLES)).tolist(), strict=True):
         F = _propagator(a, velocity, STEP_S)
@@ -169,9 +172,9 @@ def _acceleration(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _least_information() -> float:
-    """Run (2.30) with the printed (2.39) from J_0 = 0; return the least eigenvalue over the mean one.
+    """Recursion of the information matrix by [Lee] Eq. 2.30, with 2.39 as printed, from 0: its least eigenvalue.
 
-    The units of the state are those in which each entry has the information 1.
+    The absolute value, for a state in units in which each component has the information 1.
     """
     w = world(1, INSTANTS)
     each = direction_information(w.states[:, :3], np.zeros(3), np.eye(3), SIGMA, SIGMA)
@@ -189,7 +192,7 @@ def _least_information() -> float:
 
 
 def _gradients(rng: np.random.Generator) -> float:
-    """Compare (2.36) to (2.38) with quotients of differences of the angles."""
+    """Largest deviation of [Lee] Eqs. 2.36 to 2.38 from difference quotients of the projected angles."""
     h, off = 1e-6, 0.0
     for xyz in rng.uniform(1.0, 5.0, (EXAMPLES, 3)):
         for plane, (a, b) in enumerate(AXES):
@@ -203,7 +206,7 @@ def _gradients(rng: np.random.Generator) -> float:
 
 
 def _conversions(rng: np.random.Generator) -> dict[str, float]:
-    """Convert positions by (2.22) to (2.24), one axis at a time, to the world of the first sensor."""
+    """Largest errors [m] of [Lee] Eqs. 2.22 to 2.24 for sensors with axes equal and opposite to those of the first."""
     own, sensor = rng.uniform(1.0, 10.0, (2, EXAMPLES))
     similar, reversed_ = own - sensor, own + (sensor - own)
     return {
@@ -213,7 +216,7 @@ def _conversions(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _shares(rng: np.random.Generator) -> float:
-    """Sum the particle coefficients in (3.7) to (3.11), for 2 bearings, 3 models and 100 particles."""
+    """Sum of the particle coefficients in [Lee] Eqs. 3.7 to 3.11, for 2 bearings, 3 models and 100 random particles."""
     w = rng.random((2, 3, 100))
     w /= w.sum()
     mass = w.sum(axis=2)  # of bearing i and model m
@@ -223,7 +226,7 @@ def _shares(rng: np.random.Generator) -> float:
 
 
 def _decisions() -> dict[str, float]:
-    """Compare (4.4) with (4.3), and the ratio in (4.11) with the probability ratio that defines it."""
+    """Largest deviations of [Lee] Eq. 4.4 from 4.3, and of the ratio in 4.11 from the probabilities that define it."""
     equal, ratio, sensors = 0.0, 0.0, 6
     for p_miss in (0.05, 0.1, 0.2, 0.3):
         for detected in range(sensors + 1):
@@ -236,7 +239,10 @@ def _decisions() -> dict[str, float]:
 
 
 def _planes() -> dict[str, float]:
-    """Order the first-order variances of scenario 4 at the true positions, of the three planes and two sensors."""
+    """Shares of instants of scenario 4 with the printed order of variances of three planes and two sensors.
+
+    First-order variances at the true positions.
+    """
     w = world(4, INSTANTS)
     variance = np.array(
         [[plane_variance(w.states[:, :3], at, np.eye(3), SIGMA, SIGMA, p) for p in range(3)] for at in w.positions]
@@ -254,7 +260,7 @@ def _planes() -> dict[str, float]:
 
 
 def _angles() -> dict[str, float]:
-    """Compare the angles along the track of Tables 2.1 and 2.2 with the printed ones."""
+    """Largest differences of the angles' ranges along the track of [Lee] Table 2.1 from the printed ones [deg]."""
     w = world(TABLE, TABLE_INSTANTS)
     theta, phi = (np.degrees(a) for a in sight_angles(w.states[:, :3], np.zeros(3), np.eye(3)))
     return {

@@ -30,19 +30,22 @@ ROOM = np.array([[0.0, 0.0], [SIDE, 0.0], [SIDE, SIDE], [0.0, SIDE]])
 
 
 def name_of(what: str, reach: float) -> str:
-    """Return the name of a series: `coarse, range 2.6 m` with what="coarse"; `reach` in metres."""
+    """Name of a series: `coarse, range 2.6 m` with what="coarse"; `reach` in metres."""
     return f"{what}, range {reach:g} m"
 
 
 def grid(readers: int) -> Floats:
-    """Return (readers, 2) positions on a uniform square grid over the room."""
+    """(readers, 2) positions [m] on a uniform square grid over the room."""
     n = math.isqrt(readers)
     at = (np.arange(n) + 0.5) * SIDE / n
     return np.stack(np.meshgrid(at, at), axis=2).reshape(-1, 2)
 
 
 def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Draw `steps` tags in each run, and compute RMS errors of coarse positions and medians of all."""
+    """Table of RMS errors of coarse positions, and of medians of coarse and refined ones, by number of readers [m].
+
+    `size.steps` tags are drawn in each run.
+    """
     rows = []
     for readers, reach in SETTINGS:
         positions = grid(readers)
@@ -76,7 +79,7 @@ def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about accuracy; medians and RMS errors by two standard errors."""
+    """Verdicts on the accuracy of positions by RFID readers, and after refinement by cameras ([Lee] Sec. 5.2.3)."""
 
     def rows(what: str) -> list[PaperRow]:
         found = [v.find(table, name_of(what, reach), float(readers)) for readers, reach in SETTINGS]
@@ -107,7 +110,7 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
 
 
 def pair(low: list[PaperRow], high: list[PaperRow]) -> list[tuple[PaperRow, PaperRow]]:
-    """Return the pairs of rows of two series with the same settings, in their order; they are of equal length."""
+    """Pairs of rows of two series of equal length with the same settings, in their order."""
     return list(zip(low, high, strict=True))
 
 
@@ -138,7 +141,7 @@ EIGHT, EIGHT_RANGE, LAYOUTS = 26, 1.4, 20
 
 
 def judge_counts(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the printed numbers."""
+    """Verdicts on the printed numbers of virtual sensors, regions that the same readers cover ([Lee] Sec. 5.2.3)."""
     printed = {
         "three circles": (7, "Three coverages that overlap make 7 virtual sensors (Fig. 5-32)."),
         "twelve readers, at most": (

@@ -27,14 +27,17 @@ KEPT = ("idf1", "hota", "mota", "frame_ms", "particles", "left", "lost")
 
 
 def seed_of(size: Size, run: int) -> int:
-    """Return the seed of a run's video: 1, 2, ... by default."""
+    """Seed of the video of a run: the seed of the experiment plus the number of the run plus 1."""
     return size.seed + run + 1
 
 
 def spec_of(size: Size, run: int, **balls: Any) -> Spec:
-    """Return the specification of a trial of the four methods on the paper's video, or with other balls.
+    """Specification of a trial of the four methods on the paper's video, or with other balls.
 
-    `run`: number of the run, which gives the seed; `balls`: settings of the video.
+    Args:
+        size: number of frames, and the seed of the experiment.
+        run: number of the run, which gives the seed of the video.
+        **balls: settings of the video that differ from the paper's.
     """
     methods = {m: {"method": m} for m in METHODS}
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, **balls}, parts=PARTS)
@@ -43,15 +46,15 @@ def spec_of(size: Size, run: int, **balls: Any) -> Spec:
 def rate_row(
     series: str, x: float, results: Sequence[Mapping[str, float]], label: str, rate: str, *, plotted: bool = True
 ) -> PaperRow:
-    """Return the row of a rate [%] of every run, with its median and the means of the other figures.
+    """Row of a table with the rate [%] in every run, its median, and the means of the figures in `KEPT`.
 
     Args:
-        series: of the row.
-        x: of the row.
-        results: figures of each run.
-        label: of the method in the figures.
-        rate: `fr_p` or `fr_l`.
-        plotted: false: in the table only.
+        series: name of the row's series.
+        x: value of the row along the x axis.
+        results: figures of each run by name.
+        label: prefix of the method in the names of the figures.
+        rate: `fr_p`, the rate of false positions, or `fr_l`, that of false labels.
+        plotted: whether the row is in the plot; all rows are in the table.
     """
     values = tuple(100.0 * r[f"{label}.{rate}"] for r in results)
     extra = {"median": float(np.median(values))}
@@ -63,13 +66,13 @@ def rate_row(
 
 
 def ordered(key: str, statement: str, low: PaperRow, high: PaperRow) -> StatementVerdict:
-    """Return the verdict on whether one mean rate [%] is below another; none if both are below `LITTLE`.
+    """Verdict on whether one mean rate is below another; undecided if both are below `LITTLE`.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
-        low: row of the lower rate.
-        high: row of the higher rate.
+        low: row of rates [%] that are to be lower.
+        high: row of rates [%] that are to be higher, in the same runs.
     """
     points = [] if high.mean < LITTLE and low.mean < LITTLE else [v.lower(low, high)]
     better = sum(a < b for a, b in zip(low.values, high.values, strict=True))
@@ -80,12 +83,12 @@ def ordered(key: str, statement: str, low: PaperRow, high: PaperRow) -> Statemen
 
 
 def everywhere(key: str, statement: str, points: Sequence[tuple[PaperRow, PaperRow]]) -> StatementVerdict | None:
-    """Verdict on whether one mean is below another at several points; None where nothing can be gained at any of them.
+    """Verdict on whether one mean is below another at several points; None if nothing can be gained at any of them.
 
     Args:
         key: id of the verdict.
-        statement: its text.
-        points: the lower and the higher row [%] of each; those with a higher mean below `LITTLE` are skipped.
+        statement: text of the statement.
+        points: pairs of rows of rates [%], the lower first; those with both means below `LITTLE` are skipped.
     """
     open_ones = [(low, high) for low, high in points if max(low.mean, high.mean) >= LITTLE]
     if not open_ones:

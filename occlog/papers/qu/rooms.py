@@ -36,11 +36,11 @@ SIZE = (320, 240)
 
 
 def rooms_spec(seed: int, methods: Mapping[str, Values], people: Values, *, fps: float, grey: bool = False) -> Spec:
-    """Describe a trial for `run_rooms_trial`.
+    """Specification of a trial for `run_rooms_trial`.
 
     Args:
-        seed: of the video and of the trackers.
-        methods: by label, each with `method` and `set`.
+        seed: seed of the video and of the trackers.
+        methods: by label, each with `method` and, if there are settings, `set`.
         people: fields of `PeopleConfig`.
         fps: frames a second.
         grey: whether the video has no colours.
@@ -59,8 +59,8 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
     """Render a video of people, track them from their first true boxes, and score against all true boxes.
 
     Returns:
-        For each method as `label.figure` those of `occlog.papers.qu.trial.scores`, and `off_0`, `off_1`, `off_end` of
-        its `timeline`: a tracker that has ended is off its target.
+        Figures of each method, under its label, a dot and the name: those of `occlog.papers.qu.trial.scores`, and
+            `off_0`, `off_1`, `off_end` of its `timeline`: a tracker that has ended is off its target.
     """
     seed = int(spec["seed"])
     with tempfile.TemporaryDirectory() as folder:
@@ -97,7 +97,7 @@ def run_rooms_trial(spec: Spec) -> dict[str, float]:
 
 
 def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
-    """Return the true boxes by view, the index in `names`, and the radius of each [px]."""
+    """True boxes with their views, indices in `names`, and the radius of each box, half the root of its area [px]."""
     b = boxes.take(boxes.box >= 0)
     view = np.array([names.index(name) for name in b.sensor.tolist()], dtype=np.int64)
     box = np.column_stack([b.left_px, b.top_px, b.width_px, b.height_px])
@@ -106,7 +106,7 @@ def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
 
 
 def _followed(tracks: ViewTracks, names: Sequence[str]) -> TrackerOutput:
-    """Return the rows of a table in the form of trials, without times; `names` are the views in order."""
+    """Rows of a table in the form of trials, without times; a view is the index of its camera in `names`."""
     t, n = tracks, len(tracks)
     modes = {name: k for k, name in enumerate(MODES)}
     return TrackerOutput(

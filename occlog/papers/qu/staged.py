@@ -31,16 +31,22 @@ OUT = 10_000.0
 
 
 class Staging(NamedTuple):
-    """Staged content of a video instead of freely moving balls."""
+    """Staged content of a video instead of freely moving balls.
 
-    scene: str = ""  # one of `SCENES`; empty: balls that fly about
-    unseen: tuple[int, ...] = ()  # balls that the first view does not see
+    Attributes:
+        scene: one of `SCENES`; empty: balls that move freely.
+        unseen: numbers of balls that the first view does not see.
+    """
+
+    scene: str = ""
+    unseen: tuple[int, ...] = ()
 
 
 def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:
-    """Return what a video shows: a scene of `SCENES`, or empty, and balls that view 1 does not see (`unseen`).
+    """What a video shows: a `scene` of `SCENES`, or empty, and the balls that the first view does not see.
 
-    InputError for another scene.
+    Raises:
+        InputError: the scene is unknown.
     """
     if scene and scene not in SCENES:
         raise InputError(f"trial: scene is {scene!r}, must be one of {', '.join(SCENES)}", id="unknown-name")
@@ -48,9 +54,14 @@ def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:
 
 
 def video_of(config: BallsConfig, seed: int, staging: Staging) -> Iterator[BallsFrame]:
-    """Generate the frames of a staged video.
+    """Generate the frames of a staged video; a ball that the first view does not see has NaN as its outline there.
 
-    Outlines of balls that a view does not see are NaN, and their visible shares 0.
+    Its visible share in this view is 0.
+
+    Args:
+        config: settings of the video.
+        seed: seed of paths and textures.
+        staging: scene and unseen balls.
     """
     paths = ball_paths(config, seed) if not staging.scene else staged_paths(config, seed, staging.scene)
     if not staging.unseen:
@@ -70,7 +81,11 @@ def video_of(config: BallsConfig, seed: int, staging: Staging) -> Iterator[Balls
 
 
 def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
-    """Return the ways of the balls of a scene; their turns are those of the seed's own video."""
+    """Paths of the balls of a staged scene [px]; their turns are those of the seed's own video.
+
+    Raises:
+        InputError: `config` has another number of balls than the scene.
+    """
     rng = generator(seed, RandomStream.WORLD_MOTION, config.balls)
     positions = SCENES[scene](config, rng)
     if positions.shape[1] != config.balls:
@@ -80,7 +95,7 @@ def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
 
 
 def _together(config: BallsConfig, rng: Generator) -> Floats:
-    """Return centres (frames, 2, 3) of two balls that move together in view 1, occluding each other ([Qu] Fig. 7b)."""
+    """Centres (frames, 2, 3) [px] of two balls that move together in view 1, occluding each other ([Qu] Fig. 7b)."""
     t = np.linspace(0.0, 1.0, config.frames)
     first, last = (rng.uniform(0.0, 2.0 * math.pi) for _ in range(2))
     near = rng.uniform(0.0, 2.0 * math.pi)
@@ -95,12 +110,12 @@ def _together(config: BallsConfig, rng: Generator) -> Floats:
 
 
 def _together_in_second(config: BallsConfig, rng: Generator) -> Floats:
-    """Return centres (frames, 2, 3) of two balls that move together in view 2, occluding each other there."""
+    """Centres (frames, 2, 3) [px] of two balls that move together in view 2, occluding each other there."""
     return _together(config, rng)[..., [1, 0, 2]]
 
 
 def _opposite(config: BallsConfig, rng: Generator) -> Floats:
-    """Return centres (frames, 2, 3) of two balls that pass one another in view 1, in opposite directions."""
+    """Centres (frames, 2, 3) [px] of two balls that pass one another in view 1, in opposite directions."""
     t = np.linspace(0.0, 1.0, config.frames)
     close = HIDING * config.radius * rng.choice([-1.0, 1.0])
     gap = np.column_stack([400.0 * (t - 0.5), np.full(len(t), close)])
@@ -108,7 +123,13 @@ def _opposite(config: BallsConfig, rng: Generator) -> Floats:
 
 
 def _seen_in_first(middle: Floats, gap: Floats, rng: Generator) -> Floats:
-    """Return (T, 2, 3) two balls with given middle and gap (T, 2) along y and z, separate in view 2."""
+    """Centres (T, 2, 3) [px] of two balls with given middle and gap in view 1; separate in view 2.
+
+    Args:
+        middle: (T, 2) middle of the two along y and z [px].
+        gap: (T, 2) second ball less first along y and z [px].
+        rng: draws which of the two is on which side in view 2.
+    """
     side = rng.choice([-1.0, 1.0])
     x = np.broadcast_to([side * ASIDE, -side * ASIDE], (len(gap), 2))
     positions = np.stack([middle - 0.5 * gap, middle + 0.5 * gap], axis=1)
@@ -116,11 +137,11 @@ def _seen_in_first(middle: Floats, gap: Floats, rng: Generator) -> Floats:
 
 
 def _following(angle: float, *, across: bool = False, back: bool = False) -> Callable[[BallsConfig, Generator], Floats]:
-    """Return the paths of a ball that approaches another from behind in view 2, on one line ([Qu] Fig. 7b, camera 2).
+    """Function that draws paths of a ball that approaches another from behind in view 2, on one line ([Qu] Fig. 7b).
 
     Args:
-        angle: of the line with the rows, which are the epipolar lines [deg].
-        across: whether the other ball goes at a right angle to the line instead.
+        angle: angle of the line with the rows, which are the epipolar lines [deg].
+        across: whether the other ball moves at a right angle to the line instead.
         back: whether the ball falls back, when it hides the other, instead of overtaking it.
     """
 
@@ -144,9 +165,9 @@ def _following(angle: float, *, across: bool = False, back: bool = False) -> Cal
 
 
 def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
-    """Return a function that draws paths of four balls side by side that never touch.
+    """Function that draws paths of four balls side by side that never touch.
 
-    `on_line`: on one epipolar line, else in a column.
+    `on_line`: whether they are on one epipolar line; else they are in a column.
     """
 
     def positions(config: BallsConfig, rng: Generator) -> Floats:
@@ -168,11 +189,12 @@ def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
 
 
 def _unit(angle: float) -> Floats:
+    """Unit vector (2,) at an angle [rad] from the first axis."""
     return np.array([math.cos(angle), math.sin(angle)])
 
 
 def _smooth(share: Floats) -> Floats:
-    """Return a smooth step from 0 to 1 for each `share` of the way, which is cut to 0 to 1."""
+    """Smooth step from 0 to 1 at the values `share`, which are cut to 0 to 1."""
     s = np.clip(share, 0.0, 1.0)
     return np.asarray(s * s * (3.0 - 2.0 * s))
 

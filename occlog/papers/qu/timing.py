@@ -20,17 +20,17 @@ from occlog.track.methods.images.methods.weigh import LocalWeights, arrival_of, 
 def likelihood_seconds(
     state: VisualState, config: BmctConfig, frames: FrameSet, rng: Generator, repeats: int = 5
 ) -> tuple[float, float, float]:
-    """Measure the CPU seconds of the local, interaction and collaboration likelihoods of one frame.
+    """CPU seconds of the local, the interaction and the collaboration likelihood for one frame of `bmct`.
 
     The local one includes the map of bins and the motion of the particles. The others are the additional time of
     weighing with neighbours, and with helpers.
 
     Args:
-        state: before the frame; it is not changed.
-        config: its settings.
-        frames: the frame.
-        rng: a copy of it is drawn from.
-        repeats: of each part, of which the median counts.
+        state: state before the frame; it is not changed.
+        config: settings of the method.
+        frames: images of the frame.
+        rng: random numbers of the particles; a copy is drawn from.
+        repeats: number of times that each part is measured; the median counts.
     """
 
     def locally() -> LocalWeights:
@@ -58,6 +58,7 @@ def likelihood_seconds(
 
 
 def _median_seconds(work: Callable[[], object], repeats: int) -> float:
+    """Median CPU time of `repeats` calls of `work` in this thread [s]."""
     times = []
     for _ in range(repeats):
         start = time.thread_time()

@@ -30,26 +30,43 @@ from .world import FLYING, frame_set_of, truth_of, views_of
 
 
 class DivertedTracker(NamedTuple):
-    """Tracker of a view and target that is moved to (x, y) [px], off its target, in a frame."""
+    """Tracker that is moved off its target, and at rest then.
+
+    Attributes:
+        view, target: numbers of the view and of the tracker's target.
+        frame: number of the frame before which it is moved.
+        x, y: position in the image that it is moved to [px].
+    """
 
     view: int
     target: int
-    frame: int  # before which it is put there
-    x: float  # position [px]
+    frame: int
+    x: float
     y: float
 
 
 class Runner(NamedTuple):
-    """A method to be run on a video."""
+    """A method to be run on a video, and what it is given.
 
-    config: MipfConfig  # settings of the method, which state how it tracks
+    Attributes:
+        config: settings of the method; their class selects it.
+        geometry: fundamental matrices between views that it is given.
+        births: trackers of the first frame.
+        seed: seed of the trackers.
+        use: number of views that it is given, the first ones of the video.
+        exchange: view, two targets, and the frame before which their trackers exchange positions; None: never.
+        diverted: tracker that is moved off its target; None: none.
+        timed: whether the time of each part of the likelihood is measured, for `bmct` alone.
+    """
+
+    config: MipfConfig
     geometry: ViewGeometry
     births: tuple[Birth, ...]
     seed: int
-    use: int  # number of views, the first ones of the video
-    exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change positions before that frame
+    use: int
+    exchange: tuple[int, int, int, int] | None = None
     diverted: DivertedTracker | None = None
-    timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
+    timed: bool = False
 
 
 class TrackerOutput(NamedTuple):
@@ -59,14 +76,14 @@ class TrackerOutput(NamedTuple):
         frame: (n,) number of the frame.
         view: (n,) number of the view.
         target: (n,) identity of the tracker.
-        ellipse: (n, 5) centre [px], half axes [px], angle of the first axis [rad].
-        mode: (n,) index in `MODES`; -1 in the first frame.
-        counterpart: (n,) see `TrackerOutlines`.
-        event: (n,) see `TrackerOutlines`.
-        ess: (n,) see `TrackerOutlines`; NaN in the first frame.
-        seconds: (steps,) CPU time of each step of the method.
-        parts: (k, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the
-            steps [s]; (0, 3) for a method that is not `timed`.
+        ellipse: (n, 5) centre x, y [px], half axes [px], angle of the first axis [rad].
+        mode: (n,) index in `MODES` of the likelihood; -1 in the first frame.
+        counterpart: (n,) result of the loop check by another view: `NONE`, `BAD` or `GOOD`; 0: not checked.
+        event: (n,) `START` in the first frame, `LEFT` or `TERMINATED` if the tracker ended with the frame; else 0.
+        ess: (n,) effective sample size; NaN without particles, and in the first frame.
+        seconds: (steps,) CPU time of each step of the method [s].
+        parts: (k, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the steps [s];
+            (0, 3) for a method that is not `timed`.
     """
 
     frame: Ints
@@ -88,7 +105,7 @@ PLACED = ("particles", "estimate", "velocity", "path", "axes", "similarities", "
 
 
 class FollowedFrame(NamedTuple):
-    """A frame of the video with the trackers of each method."""
+    """A frame of the video, and the trackers of each method in it by label."""
 
     frame: BallsFrame
     rows: Mapping[str, TrackerOutlines]
@@ -101,17 +118,20 @@ def follow(
     watch: Callable[[FollowedFrame], None] | None = None,
     staging: Staging = FLYING,
 ) -> tuple[dict[str, TrackerOutput], Objects, Floats]:
-    """Run all methods on one video.
+    """Run all methods on one video, frame by frame.
 
     Args:
-        config: the video.
-        seed: of the video.
+        config: settings of the video.
+        seed: seed of the video.
         runners: methods by label.
-        watch: called with each frame after all methods have done their step.
-        staging: what the video shows.
+        watch: is called with each frame after all methods have done their step; None: nothing is called.
+        staging: scene and unseen balls of the video.
 
     Returns:
-        The output of each method by label; the truth as boxes, with `view`; and the radius of each true row [px].
+        The output of each method by label; the truth as boxes, with `view`; and the radius of each true box [px].
+
+    Raises:
+        InputError: there is no such tracker to exchange or to divert.
     """
     done: dict[str, list[TrackerOutlines]] = {label: [] for label in runners}
     seconds: dict[str, list[float]] = {label: [] for label in runners}
@@ -146,9 +166,10 @@ def follow(
 
 
 def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualState:
-    """Return a copy of the state with two trackers of a view exchanged.
+    """Copy of the state with the positions of two trackers of a view exchanged; `one`, `other`: their targets.
 
-    `one`, `other`: their targets; InputError if the view has no such trackers.
+    Raises:
+        InputError: the view has no such trackers.
     """
     t = state.trackers
     rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]
@@ -160,7 +181,11 @@ def exchanged(state: VisualState, view: int, one: int, other: int) -> VisualStat
 
 
 def diverted_state(state: VisualState, diverted: DivertedTracker) -> VisualState:
-    """Return the state with a tracker at rest in another position; InputError where there is no such tracker."""
+    """Copy of the state in which one tracker is at rest in another position.
+
+    Raises:
+        InputError: there is no such tracker.
+    """
     t = state.trackers
     rows = np.flatnonzero((t.view == diverted.view) & (t.target == diverted.target))
     if len(rows) != 1:
@@ -175,7 +200,7 @@ def diverted_state(state: VisualState, diverted: DivertedTracker) -> VisualState
 
 
 def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
-    """Return the rows of the first frame, of newly initiated trackers; `views`: number of views."""
+    """Rows of the first frame, of trackers that were just initiated; `views`: number of views."""
     n = len(births)
     zero, unknown = np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     return TrackerOutlines(
@@ -196,12 +221,12 @@ def _first(births: Sequence[Birth], views: int) -> TrackerOutlines:
 def _joined(
     rows: Sequence[TrackerOutlines], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
 ) -> TrackerOutput:
-    """Concatenate the rows of frames 0, 1, ...
+    """Output of a method from the rows of frames 0, 1, ...
 
     Args:
-        rows: of each frame.
+        rows: trackers in each frame.
         seconds: CPU time of each step [s].
-        parts: times of the likelihoods in each step [s]; empty: not measured.
+        parts: times of the three likelihoods in some of the steps [s]; empty: not measured.
     """
     return TrackerOutput(
         frame=np.repeat(np.arange(len(rows)), [len(o.view) for o in rows]),

@@ -34,24 +34,30 @@ from .world import births_of, boxes_of, first_frame, geometry_of, of_views
 
 
 class TrackerPlaces(NamedTuple):
-    """Positions of each tracker in each frame; one that has ended is on none."""
+    """Where k trackers of one view are in each of T frames; one that has ended is on none.
 
-    own: Bools  # (T, k) within reach of its own target
-    other: Bools  # (T, k) not on its own, and within reach of another
-    helped: float  # share of the rows in which another view helped; NaN without rows
+    Attributes:
+        own: (T, k) within reach of its own target.
+        other: (T, k) not on its own, and within reach of another.
+        helped: share of the trackers' rows in which another view helped; NaN without rows.
+    """
+
+    own: Bools
+    other: Bools
+    helped: float
 
 
 def whereabouts(
     truth: Objects, followed: TrackerOutput, tau: Floats, view: int, targets: Sequence[int]
 ) -> TrackerPlaces:
-    """Find where the trackers of some targets are.
+    """Find where the trackers of some targets in one view are: on their own, on another, or on none.
 
     Args:
-        truth: boxes by view and frame.
+        truth: true boxes, with views, of T frames.
         followed: output of a method.
-        tau: (n,) largest distance of a tracker on a target, for each true row [px].
+        tau: (n,) largest distance from a target of a tracker that is on it, for each true box [px].
         view: number of the view.
-        targets: k targets.
+        targets: k numbers of targets.
     """
     assert truth.view is not None
     frames = int(truth.frame.max()) + 1
@@ -76,7 +82,11 @@ def whereabouts(
 
 
 def watched_figures(where: TrackerPlaces) -> dict[str, float]:
-    """Return the shares `helped`, `off` (rows off their target), and `end_own`, `end_other`, `end_none` at the end."""
+    """Figures of some trackers: `helped`, `off`, and `end_own`, `end_other`, `end_none` of the last frame.
+
+    `off`: share of positions that are not on the own target; the last three: shares of the trackers that are on their
+    own target, on another and on none.
+    """
     own, other = float(where.own[-1].mean()), float(where.other[-1].mean())
     return {
         "helped": where.helped,
@@ -127,18 +137,18 @@ def alarms(
     A target is sound in a frame if all its trackers are on it.
 
     Args:
-        truth: boxes by view and frame.
+        truth: true boxes, with views.
         followed: output of a method.
-        tau: (n,) largest distance of a tracker on its target, for each true row [px].
-        wrong: (view, target, other) of a tracker that starts on another target, or (view, target, other, frame)
-            of one that is put on it before that frame.
+        tau: (n,) largest distance from its target of a tracker that is on it, for each true box [px].
+        wrong: (view, target, other) of a tracker that starts on another target, or (view, target, other, frame) of one
+            that is put on it before that frame; None: there is none.
 
     Returns:
-        `checked`: share of the rows that were checked; `bad`: share of those that is `bad`;
-        `false_alarm`: of those of sound targets, the share that is `bad`; `missed`: of those of the others, the
-        share that is `good`; with `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames
-        until it is on its own target for the first time, and `returned`: frames until it is so for good.  NaN where
-        there is nothing to divide by; inf: never.
+        `checked`: share of the rows that were checked; `bad`: share of those that is `bad`; `false_alarm`: of those of
+        sound targets, the share that is `bad`; `missed`: of those of the others, the share that is `good`; with
+        `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames until it is on its own target
+        for the first time, and `returned`: frames until it is so for good. NaN where there is nothing to divide by;
+        inf: never.
     """
     f = followed
     on = on_own(truth, followed, tau)
@@ -159,13 +169,13 @@ def alarms(
 
 
 def timeline(truth: Objects, followed: TrackerOutput, tau: Floats, parts: int) -> dict[str, float]:
-    """Return the share of true rows without their tracker: `off_0`, ... of the video's parts, `off_end` of its end.
+    """Share of the true boxes without their tracker: `off_0`, ... by part of the video, `off_end` of its last frame.
 
     Args:
-        truth: n true outlines.
-        followed: rows of the trackers.
-        tau: (n,) distance within which a tracker is on its target [px].
-        parts: number of equal parts of the video.
+        truth: n true boxes, with views.
+        followed: output of a method.
+        tau: (n,) largest distance from its target of a tracker that is on it [px].
+        parts: number of equal parts of the video; one without boxes has NaN.
     """
     f = followed
     last = int(truth.frame.max())
@@ -178,7 +188,13 @@ def timeline(truth: Objects, followed: TrackerOutput, tau: Floats, parts: int) -
 
 
 def on_own(truth: Objects, followed: TrackerOutput, tau: Floats) -> Bools:
-    """Return the mask (m,) of the trackers' rows within `tau` (n,) of their own target, of n true rows."""
+    """Mask (m,) of the trackers' rows that are within `tau` of their own target.
+
+    Args:
+        truth: n true boxes, with views.
+        followed: m rows of trackers.
+        tau: (n,) largest distance from a box's middle [px].
+    """
     f = followed
     assert truth.view is not None
     index_of = {key: i for i, key in enumerate(zip(truth.frame, truth.view, truth.label, strict=True))}
@@ -189,27 +205,32 @@ def on_own(truth: Objects, followed: TrackerOutput, tau: Floats) -> Bools:
 
 
 def _sound(followed: TrackerOutput, on: Bools) -> Bools:
-    """Return (n,) whether all trackers of the row's target in its frame are on it."""
+    """Mask (m,) of the rows of trackers for whose target all trackers in the same frame are on it.
+
+    `on`: (m,) rows that are on their own target.
+    """
     _, cell = np.unique(np.column_stack([followed.frame, followed.target]), axis=0, return_inverse=True)
     off = np.bincount(cell.ravel(), weights=~on)
     return np.asarray(off[cell.ravel()] == 0)
 
 
 def _share(some: Bools, of: Bools) -> float:
+    """Share of the rows `of` that are `some`, by number; NaN if `of` has none."""
     return float(np.sum(some) / np.sum(of)) if of.any() else math.nan
 
 
 def _first(followed: TrackerOutput, rows: Bools) -> float:
+    """First frame among the rows of a mask; inf if it has none."""
     return float(followed.frame[rows].min()) if rows.any() else math.inf
 
 
 def _for_good(followed: TrackerOutput, rows: Bools, on: Bools) -> float:
-    """Return the first frame from which a tracker stays on its target to the end; inf if there is none.
+    """First frame from which a tracker stays on its target to the end; inf if there is none.
 
     Args:
-        followed: rows of all trackers.
-        rows: mask of the tracker's.
-        on: mask of rows that are on their target.
+        followed: m rows of all trackers.
+        rows: (m,) mask of this tracker.
+        on: (m,) mask of rows that are on their own target.
     """
     frames, held = followed.frame[rows], on[rows]
     off = frames[~held]
@@ -218,11 +239,11 @@ def _for_good(followed: TrackerOutput, rows: Bools, on: Bools) -> float:
 
 
 def views_spec(seed: int, methods: Mapping[str, Values], balls: Values, **more: object) -> Spec:
-    """Return the specification of a trial of several methods for `run_views_trial`.
+    """Specification of a trial of several methods for `run_views_trial`.
 
     Args:
-        seed: of the video and the trackers.
-        methods: label to the method's values.
+        seed: seed of the video and of the trackers.
+        methods: values of each method by label.
         balls: settings of the video.
         **more: further values of the trial.
     """
@@ -236,25 +257,24 @@ def views_spec(seed: int, methods: Mapping[str, Values], balls: Values, **more: 
 
 
 def run_views_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial.
+    """Draw one video, run one or several methods on it, and score them against the truth.
 
     Args:
         spec: `seed` of the video, and of the trackers where they have no `track_seed`; `balls` (fields of
-            `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker
-            is on it, default 1).  One method: `method` (a name of `CONFIGS`), `set` (its settings),
-            `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
-            the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
-            `use` (the first this many views only), `diverted` (fields of `DivertedTracker`), `timed` (also `local_ms`,
-            `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several: `methods`,
-            these keys by label.  `parts`: also `off_0`, ... of `timeline`.  `scene`: one of `SCENES`.  `unseen`:
-            targets that the first view does not see.  `watched`: view and targets by name; also `name_off`, ... of
-            `watched_figures`.
+            `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker is on it,
+            default 1). One method: `method` (a name of `CONFIGS`), `set` (its settings), `fundamental` (kind, or [kind,
+            amount], of `geometry_of`), `wrong` ([view, target, other]: there the tracker of `target` starts on `other`;
+            with a frame behind, the two are exchanged in that), `use` (the first this many views only), `diverted`
+            (fields of `DivertedTracker`), `timed` (also `local_ms`, `interaction_ms`, `collaboration_ms` and `step_ms`:
+            means of CPU time a frame). Several: `methods`, these keys by label. `parts`: also `off_0`, ... of
+            `timeline`. `scene`: one of `SCENES`. `unseen`: targets that the first view does not see. `watched`: view
+            and targets by name; also `name_off`, ... of `watched_figures`.
 
     Returns:
-        For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
-        `mota` (boxes about the ellipses, IoU 0.5), `track_seconds` and `frame_ms` (CPU of the steps, median of
-        a frame; without drawing), `particles` (the setting), `ess` (median), `left` and `lost`
-        (trackers that ended so), `mode_mipf`, ... (shares of the rows), and those of `alarms`.
+        For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`, `mota`
+        (boxes about the ellipses, IoU 0.5), `track_seconds` and `frame_ms` (CPU of the steps, median of a frame;
+        without drawing), `particles` (the setting), `ess` (median), `left` and `lost` (trackers that ended so),
+        `mode_mipf`, ... (shares of the rows), and those of `alarms`.
 
     Raises:
         InputError, UsageError: values that do not fit.
@@ -286,7 +306,7 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
 
 
 def defaults_of(method: str) -> MipfConfig:
-    """Return the default settings of a method by name; InputError for an unknown name."""
+    """Default settings of the method with this name; InputError if it is unknown."""
     if method not in CONFIGS:
         raise InputError(
             f"trial: no method {method!r} that tracks in images; there are: {', '.join(CONFIGS)}", id="unknown-name"
@@ -295,12 +315,15 @@ def defaults_of(method: str) -> MipfConfig:
 
 
 def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
-    """Return one method of a trial, ready to run; InputError or UsageError for values that do not fit.
+    """One method of a trial, ready to run.
 
     Args:
-        config: of the video.
-        spec: of the trial.
-        own: values of the method.
+        config: settings of the video.
+        spec: specification of the trial.
+        own: values of the method in it.
+
+    Raises:
+        InputError, UsageError: values that do not fit.
     """
     _check(own, OWN)
     settings = configure(defaults_of(str(own.get("method"))), dict(own.get("set", {})))
@@ -327,10 +350,12 @@ def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
 
 
 def _staging(spec: Spec) -> Staging:
+    """Scene and unseen balls that the specification states; InputError for an unknown scene."""
     return staging_of(str(spec.get("scene", "")), tuple(spec.get("unseen", ())))
 
 
 def _check(spec: Spec, keys: tuple[str, ...]) -> None:
+    """Raise InputError if `spec` has a key that is none of `keys`, or lacks a seed where one is due."""
     for key in spec:
         if key not in keys:
             raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(keys)}", id="unknown-key")
@@ -348,12 +373,17 @@ def warm(method: str) -> None:
 
 
 def scores(truth: Objects, followed: TrackerOutput, tau: Floats) -> dict[str, float]:
-    """Score a method's output against the truth, and sum its cost.
+    """Figures of a method's output against the truth, and of its cost.
 
     Args:
-        truth: boxes by view and frame.
+        truth: true boxes, with views.
         followed: output of the method.
-        tau: (n,) largest distance of a tracker on its target, for each true row [px].
+        tau: (n,) largest distance from its target of a tracker that is on it, for each true box [px].
+
+    Returns:
+        `fr_p`, `fr_l`: rates of false positions and false labels ([Qu] Eq. 9); `idf1`, `hota`, `mota`, of boxes around
+        the ellipses; `left`, `lost`: trackers that ended so; `track_seconds`, `frame_ms`: CPU time in total, and its
+        median over frames; `ess`: median effective sample size; `mode_mipf`, ...: share of rows by mode.
     """
     f = followed
     position = truth.position[:, :2] + 0.5 * truth.position[:, 2:]

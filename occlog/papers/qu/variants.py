@@ -18,7 +18,15 @@ LINEAR, NEARLY = 1.3, 1.6
 
 
 class VideoVariant(NamedTuple):
-    """A property of the video that is varied, with its values in the full and in the quick form."""
+    """A property of the video that is varied.
+
+    Attributes:
+        item: key of the experiment, and name of the setting where it is one.
+        label: name of the property.
+        title: title of the experiment.
+        values, quick: values in the full and in the quick form of the experiment.
+        note: what the other properties are.
+    """
 
     item: str
     label: str
@@ -56,9 +64,9 @@ VIEWS = VideoVariant(
 
 
 def compute(variant: VideoVariant, size: Size, execute: Execute) -> Table:
-    """Return the table of both rates [%] of every method at every value.
+    """Table of false position and false label rates [%] of every method at every value of the varied property.
 
-    Runs of one seed at different values are different videos.
+    Runs of one seed at different values are different videos, except that numbers of views share one.
     """
     points = variant.quick if size.quick else variant.values
     found = _of_views(points, size, execute) if variant is VIEWS else _of_balls(variant, points, size, execute)
@@ -74,6 +82,7 @@ Found = dict[float, Sequence[Mapping[str, float]]]
 
 
 def _of_balls(variant: VideoVariant, points: Sequence[float], size: Size, execute: Execute) -> Found:
+    """Figures of the runs by value of the varied setting of balls; each value has its own videos."""
     changed: Sequence[dict[str, object]] = [
         {"radius": float(x)} if variant is RADIUS else {"balls": int(x)} for x in points
     ]
@@ -82,7 +91,7 @@ def _of_balls(variant: VideoVariant, points: Sequence[float], size: Size, execut
 
 
 def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
-    """Run all methods with the numbers of views `points` on one rendering of each video; return figures by number."""
+    """Figures of the runs by number of views, of all methods, from one rendering of each video."""
     methods = {f"{m}, {x:g}": {"method": m, "use": int(x)} for m in METHODS for x in points}
     balls = {"frames": size.steps, "views": MOST_VIEWS}
     results = execute([views_spec(seed_of(size, run), methods, balls) for run in range(size.runs)])
@@ -90,12 +99,12 @@ def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
 
 
 def _renamed(result: Mapping[str, float], ending: str) -> dict[str, float]:
-    """Return those figures of `result` whose label has this ending, with the ending removed from the keys."""
+    """Figures of those labels of `result` that have an ending, with the ending removed from their names."""
     return {k.replace(f"{ending}.", "."): value for k, value in result.items() if f"{ending}." in k}
 
 
 def judge(variant: VideoVariant, table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on whether BMCT is better than IDMOT at every value, and more views lower its rates."""
+    """Verdicts on whether BMCT is better than IDMOT at every value, and whether more views lower its rates."""
     out = []
     for rate, name in RATES.items():
         own = v.series(table, f"BMCT, {name}")
@@ -115,7 +124,7 @@ def judge(variant: VideoVariant, table: Table) -> list[StatementVerdict]:
 
 
 def _cost(variant: VideoVariant, table: Table) -> StatementVerdict:
-    """Return the verdict on whether the time of a frame grows linearly with the targets, or with the views."""
+    """Verdict on whether the CPU time of a frame grows linearly with the targets, or with the views."""
     rows = v.series(table, f"BMCT, {RATES['fr_p']}")
     times = [PaperRow("time", r.x, r.each["frame_ms"]) for r in rows if r.x > 1]  # one view has no collaboration
     what = "cameras" if variant is VIEWS else "targets"
@@ -128,6 +137,7 @@ def _cost(variant: VideoVariant, table: Table) -> StatementVerdict:
 
 
 def _experiment(variant: VideoVariant) -> Experiment:
+    """Experiment that varies one property of the video."""
     return Experiment(
         item=variant.item,
         title=f"{variant.title} (of this project)",

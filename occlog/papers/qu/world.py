@@ -29,14 +29,13 @@ WRONG = ("true", "none", "shift", "turn", "swap")
 
 
 def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> ViewGeometry:
-    """Make the fundamental matrices between the first views that a method is given.
+    """Fundamental matrices between the first views that a method is given, right or wrong.
 
     Args:
-        config: the views.
-        use: number of them.
-        kind: `true`: the right ones.  `none`: none at all.  `shift`: with every line `amount` px lower.
-            `turn`: as if the images were turned by `amount` degrees against each other.
-            `swap`: those of the opposite direction.
+        config: settings of the video.
+        use: number of views.
+        kind: `true`: the right ones. `none`: none at all. `shift`: with every line `amount` px lower. `turn`: as if the
+            images were turned by `amount` degrees against each other. `swap`: those of the opposite direction.
         amount: size of the error [px or degrees].
 
     Raises:
@@ -56,6 +55,14 @@ def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float
 
 
 def _made_wrong(right: Floats, kind: str, amount: float, size: tuple[int, int]) -> Floats:
+    """Wrong fundamental matrix (3, 3) from the right one; unchanged but for its scale for the kind `true`.
+
+    Args:
+        right: (3, 3) right matrix.
+        kind: one of `WRONG`, without `none`.
+        amount: size of the error [px or degrees].
+        size: width and height of the images [px].
+    """
     if kind == "swap":
         return right.T.copy()
     move = np.eye(3)
@@ -75,17 +82,17 @@ FLYING = Staging()
 
 @functools.lru_cache(maxsize=8)
 def first_frame(config: BallsConfig, seed: int, staging: Staging = FLYING) -> BallsFrame:
-    """Return the first frame of a video; the last few results are kept."""
+    """First frame of a video; the last few results are kept."""
     return next(video_of(config, seed, staging))
 
 
 def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -> tuple[Birth, ...]:
-    """Place a tracker on the true outline of every target in the first views that see it.
+    """Initial trackers on the true outlines of all targets, in each of the first views that sees them.
 
     Args:
-        frame: the first frame.
+        frame: first frame of the video.
         use: number of views.
-        wrong: (view, target, other): in this view the tracker of `target` is put on `other`.
+        wrong: (view, target, other): in this view the tracker of `target` is put on `other`; None: none is.
     """
     out = []
     for view, ellipses in enumerate(frame.ellipses[:use]):
@@ -98,17 +105,17 @@ def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -
 
 
 def views_of(config: BallsConfig) -> tuple[TrackedView, ...]:
-    """Return name and image size of each view."""
+    """Names and image sizes of all views."""
     return tuple(TrackedView(c.name, config.width, config.height) for c in ball_cameras(config))
 
 
 def frame_set_of(frame: BallsFrame, use: int) -> FrameSet:
-    """Return the first `use` views of a frame in the form that methods take."""
+    """Images of the first `use` views of a frame, with their times, in the form that methods take."""
     return FrameSet(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
 
 
 def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
-    """Return the true boxes of all targets in all frames and views, hidden ones too, and the radius of each [px].
+    """True boxes of all targets in all frames and views, hidden ones too, and the radius of each [px].
 
     A target that a view does not see (NaN) has no box there.
     """
@@ -123,9 +130,12 @@ def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
 
 
 def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]:
-    """Return the true rows and radii (n,) of the first `use` views, out of those of `truth_of`.
+    """Those of n true boxes and their radii that belong to the first `use` views.
 
-    `radius`: of all rows of `truth` [px].
+    Args:
+        truth: n true boxes, with views.
+        radius: (n,) radii [px].
+        use: number of views.
     """
     assert truth.view is not None
     kept = truth.view < use
@@ -133,6 +143,6 @@ def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]
 
 
 def boxes_of(ellipses: Floats) -> Floats:
-    """Return (n, 4) left, top, width, height of the boxes around ellipses (n, 5)."""
+    """Boxes (n, 4): left, top, width, height [px] around ellipses (n, 5): centre x, y, half axes [px], angle [rad]."""
     half = np.column_stack([support_radius(ellipses, 0.0), support_radius(ellipses, 0.5 * math.pi)])
     return np.column_stack([ellipses[:, :2] - half, 2.0 * half])

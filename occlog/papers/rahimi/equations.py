@@ -31,7 +31,13 @@ ALONE, SPEED_KNOWN, TWO, RADIAL = "fig1-scale", "fig1-speed", "fig1-two", "sec7-
 
 
 class RahimiStatement(NamedTuple):
-    """A statement, and the range of its quantity."""
+    """A statement to be judged by one quantity.
+
+    Attributes:
+        statement: its text.
+        good: range of the quantity in which it holds.
+        rule: words for this range.
+    """
 
     statement: str
     good: v.Interval
@@ -83,14 +89,17 @@ STATEMENTS: Mapping[str, RahimiStatement] = {
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Return the table of the quantity of every statement; a row each, numbered by x."""
+    """Table of one quantity for each statement on bearings and printed equations, a row each, with x as its number.
+
+    `size.steps` is the number of random targets.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2004, 1)))
     found = {**_undetermined(rng, size.steps), **_prior(), "sec5-sparse": _sparse()}
     return [PaperRow(key, k, (found[key],)) for k, key in enumerate(STATEMENTS, start=1)]
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on each statement by its quantity, which has no error bar."""
+    """Verdicts on each statement on bearings and printed equations by its quantity, which has no error bar."""
     out = []
     for row in table:
         s = STATEMENTS[row.series]
@@ -99,13 +108,13 @@ def judge(table: Table) -> list[StatementVerdict]:
 
 
 def open_dimensions(cameras: Floats, position: Floats, velocity: Floats, *, speed: bool) -> int:
-    """Return how many of a target's four unknowns, position and velocity, its bearings leave open.
+    """How many of a target's four unknowns, position and velocity, its bearings leave open to first order.
 
     Args:
         cameras: (C, 2) positions; each sees the target at `STEPS` times, one camera after the other.
-        position: (2,) of the target at the first time.
-        velocity: (2,) of the target [length per step], constant.
-        speed: true: the length of the velocity is known.
+        position: (2,) position of the target at the first time.
+        velocity: (2,) constant velocity of the target [length per step].
+        speed: whether the length of the velocity is known.
     """
     rows = []
     for i, camera in enumerate(cameras):
@@ -121,7 +130,7 @@ def open_dimensions(cameras: Floats, position: Floats, velocity: Floats, *, spee
 
 
 def _undetermined(rng: np.random.Generator, targets: int) -> dict[str, float]:
-    """Return the share of random targets for which each statement of Fig. 1 holds; cameras are those of Sec. 6."""
+    """By statement of [Rahimi] Fig. 1, the share of random targets for which it holds; cameras are those of Sec. 6."""
     held = dict.fromkeys((ALONE, SPEED_KNOWN, TWO, RADIAL), 0)
     positions, half = np.array(PLACES, dtype=np.float64), math.radians(0.5 * FOV_DEG)
     for _ in range(targets):
@@ -143,7 +152,7 @@ def _undetermined(rng: np.random.Generator, targets: int) -> dict[str, float]:
 
 
 def _prior() -> dict[str, float]:
-    """Compare (1) to (3) with the motion and the covariance that they describe."""
+    """Largest deviations of [Rahimi] Eqs. 1 to 3 from the motion and covariance that they describe, by statement."""
     n, x = 4 * STEPS, np.array([1.0, 2.0, 0.3, 0.4])  # positions 1 and 2, velocities 0.3 and 0.4
     moved = float(np.abs((A @ x)[:2] - (x[:2] + 0.5 * x[2:])).max())
     # The covariance, state by state; the first one's is that of a weak prior, without which it does not exist
@@ -170,7 +179,7 @@ def _prior() -> dict[str, float]:
 
 
 def _rows(root: Floats) -> Floats:
-    """Return G of (3): row t has root A at state t and -root at state t + 1."""
+    """Matrix G of [Rahimi] Eq. 3: block row t has `root` A at state t and -`root` at state t + 1; `root`: (4, 4)."""
     G = np.zeros((4 * (STEPS - 1), 4 * STEPS))
     for t in range(STEPS - 1):
         rows = slice(4 * t, 4 * t + 4)
@@ -179,12 +188,16 @@ def _rows(root: Floats) -> Floats:
 
 
 def _gram(root: Floats) -> Floats:
+    """G^T G with the matrix G of [Rahimi] Eq. 3, for the root (4, 4) of a process noise."""
     G = _rows(root)
     return np.asarray(G.T @ G)
 
 
 def _sparse() -> float:
-    """Return the share of the rows of J with two entries: rows of G, and one of a bearing at each time."""
+    """Share of the rows of the Jacobian J ([Rahimi] Sec. 5) with two entries.
+
+    They are the rows of G (Eq. 3), and one of a bearing at each time.
+    """
     two = list(np.count_nonzero(_rows(np.diag(1.0 / np.sqrt(np.diag(NOISE)))), axis=1) == 2)
     # A bearing has the gradients by the two coordinates of its position
     return float(np.mean([*two, *[True] * STEPS]))

@@ -49,7 +49,7 @@ TRAINING_PATHS, TRAINING_STEPS, TRAINING_NOISE = 40, 200, 1e-3
 
 
 class Example(NamedTuple):
-    """One random problem: true path, and bearings."""
+    """One random problem: true path of the target, and bearings of the cameras."""
 
     truth: Truth
     bearings: Bearings
@@ -57,10 +57,9 @@ class Example(NamedTuple):
 
 @functools.cache
 def sparse_scene(*, known_range: bool) -> Scene:
-    """Make the room with its cameras.
+    """Scene of the room with its eight cameras; the same object at every call.
 
-    Args:
-        known_range: true: cameras with their range, as in the world; false: without, as in the paper's method.
+    `known_range`: whether cameras have their range, as in the world; else they have none, as in the paper's method.
     """
     reach = f", range: {RANGE:g}" if known_range else ""
     lines = ["occlog_scene: 1", "length_unit: m", f"room: {[[a * HALF, b * HALF] for a, b in CORNERS]}", "cameras:"]
@@ -73,12 +72,14 @@ def sparse_scene(*, known_range: bool) -> Scene:
 
 
 def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOOTHING) -> Floats:
-    """Draw (steps, 2) positions of a target that moves straight at constant speed, is reflected by walls, and smoothed.
+    """Draw positions (steps, 2) [m] of a target that moves straight at constant speed, with reflections at the walls.
+
+    The path is smoothed.
 
     Args:
         steps: number of positions, at intervals of `STEP_S`.
         rng: draws the first position and the direction.
-        smoothing: standard deviation of the Gaussian [steps].
+        smoothing: standard deviation of the Gaussian that smooths the path [steps].
     """
     rest = math.ceil(4.0 * smoothing)
     first, angle = rng.uniform(-HALF, HALF, 2), rng.uniform(-math.pi, math.pi)
@@ -93,10 +94,10 @@ def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
     """Draw a random problem: the target's path, and the cameras' bearings.
 
     Args:
-        seed: of all problems.
+        seed: seed of all problems.
         run: number of the problem.
-        steps: number of times.
-        false: share of the measurements that are replaced by one drawn uniformly from the field of view.
+        steps: number of times, at intervals of `STEP_S`.
+        false: share of the measurements that are replaced by ones drawn uniformly from the field of view.
     """
     xy = reflected_path(steps, _rng(seed, run, PATH))
     truth = truth_of(xy)
@@ -107,7 +108,7 @@ def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
 
 
 def truth_of(xy: Floats) -> Truth:
-    """Return positions `xy` (T, 2) [m] as a table, at intervals of `STEP_S`."""
+    """Table of true positions `xy` (T, 2) [m], at intervals of `STEP_S`."""
     n = len(xy)
     return Truth.of(
         t_ns=times(n),
@@ -120,9 +121,15 @@ def truth_of(xy: Floats) -> Truth:
 
 
 def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Generator) -> Bearings:
-    """Replace a share of the measurements by ones drawn uniformly from the field of view.
+    """Bearings of which a share is replaced by ones drawn uniformly from the field of view.
 
     Each measurement has its own draws, used or not, so that a larger share only adds to the false ones.
+
+    Args:
+        bearings: measurements; rows in which nothing is seen stay.
+        scene: cameras of the measurements.
+        share: probability that a measurement is replaced.
+        rng: random numbers of the replacements.
     """
     chance, position = rng.random((2, len(bearings)))
     false = bearings.seen & (chance < share)
@@ -141,13 +148,13 @@ def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Ge
 
 @functools.lru_cache(maxsize=8)
 def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
-    """Fit acceleration and jitter of constant-velocity motion (see `MapConfig`) to paths that belong to no problem.
+    """Acceleration and jitter of constant-velocity motion (see `MapConfig`), fitted to paths that belong to no problem.
 
-    The paths' positions are known to a millimetre.  A turn takes several steps: a fit at the paper's step
-    assumes that these are independent, one at a longer step sees the whole turn as one change.
+    The paths' positions are known to a millimetre. A turn takes several steps: a fit at the paper's step assumes that
+    these are independent, one at a longer step sees the whole turn as one change.
 
     Args:
-        seed: of the problems.
+        seed: seed of the problems.
         fit_step_s: step at which the paths are sampled [s], a multiple of `STEP_S`.
     """
     rng, every = _rng(seed, 0, TRAINING), round(fit_step_s / STEP_S)
@@ -159,9 +166,10 @@ def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
 
 
 def times(steps: int) -> Ints:
-    """Return the times (steps,) of a problem [ns], from 0."""
+    """Times (steps,) of a problem [ns], from 0, at intervals of `STEP_S`."""
     return np.asarray(np.rint(np.arange(steps) * STEP_S * 1e9), dtype=np.int64)
 
 
 def _rng(seed: int, run: int, purpose: int) -> np.random.Generator:
+    """Generator for one purpose (`PATH`, `NOISE`, ...) in the problem `run`."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, 2004, purpose)))

@@ -44,7 +44,7 @@ CRITICAL = 0.1
 
 
 def fig4(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE of tenths of the trajectories, of the whole, and of its seen and unseen parts.
+    """Table of the RMSE [m] of tenths of the trajectories, of the whole, and of its seen and unseen parts.
 
     The rows `BETWEEN` and `BEYOND` have the problems with both kinds of unseen parts only.
     """
@@ -62,7 +62,7 @@ def fig4(size: Size, execute: Execute) -> Table:
 
 
 def median_of(values: Sequence[float]) -> tuple[float, float]:
-    """Return the median of `values`, and half the width of its 68 % interval by order statistics."""
+    """Median of `values`, and half the width of its 68 % interval by order statistics."""
     n, ordered = len(values), sorted(values)
     off = 0.5 * math.sqrt(n)
     low, high = max(0, math.floor(0.5 * n - off)), min(n - 1, math.ceil(0.5 * n + off) - 1)
@@ -70,7 +70,7 @@ def median_of(values: Sequence[float]) -> tuple[float, float]:
 
 
 def judge4(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 4."""
+    """Verdicts on [Rahimi] Fig. 4: the estimate is close to the truth, and worst at both ends and beyond sightings."""
     whole = _mean_row(table, ALL)
     parts = np.array([r.values for r in v.series(table, ALL)])
     ends = PaperRow("ends", math.nan, _rms(parts[[0, -1]]))
@@ -95,11 +95,12 @@ def judge4(table: Table) -> list[StatementVerdict]:
 
 
 def _rms(parts: Floats) -> tuple[float, ...]:
+    """Root mean squares over the rows of `parts` (parts, runs), one for each run."""
     return tuple(np.sqrt(np.mean(parts**2, axis=0)).tolist())
 
 
 def problems_plan(size: Size) -> PlanFigure:
-    """Draw problems from the best to the worst."""
+    """Picture of problems from the best to the worst."""
     solved = ranked(size)
     ranks = sorted({round(q * (len(solved) - 1)) for q in (0.05, 0.25, 0.5, 0.75, 0.9, 1.0)})
     panels = tuple(panel(f"{k + 1} of {len(solved)}: RMSE {error(solved[k]):.2f} m", solved[k]) for k in ranks)
@@ -108,7 +109,7 @@ def problems_plan(size: Size) -> PlanFigure:
 
 
 def fig5(size: Size, execute: Execute) -> Table:
-    """Table of the RMSE of every problem with the constraints and without, by rising error without; and the means."""
+    """Table of the RMSE [m] of every problem with each kind of constraints, by rising error without; and the means."""
     results = execute([sparse_spec(size, run, **kind) for kind in KINDS.values() for run in range(size.runs)])
     order = sorted(range(size.runs), key=lambda run: results[run]["rmse"])
     rows = []
@@ -122,11 +123,12 @@ def fig5(size: Size, execute: Execute) -> Table:
 
 
 def _mean_row(table: Table, name: str) -> PaperRow:
+    """Row of all problems in a series, the one without x."""
     return next(r for r in table if r.series == name and math.isnan(r.x))
 
 
 def judge5(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 5."""
+    """Verdicts on [Rahimi] Fig. 5: field-of-view constraints keep paths before the cameras and lower the error."""
     low, high, room = (_mean_row(table, name) for name in (WITH, WITHOUT, ROOM))
     behind = {name: [r.extra["behind"] for r in v.series(table, name)] for name in (WITH, WITHOUT)}
     n, (kept, lost) = low.runs, (sum(b > 0 for b in behind[name]) for name in (WITH, WITHOUT))
@@ -178,7 +180,7 @@ def judge5(table: Table) -> list[StatementVerdict]:
 
 
 def constraints_plan(size: Size) -> PlanFigure:
-    """Draw the problems that have most points behind cameras without the constraints."""
+    """Picture of the problems that have most points behind cameras without the constraints."""
     free = [solve_problem(sparse_spec(size, run, in_front_constraint=False)) for run in range(size.runs)]
     worst = sorted(range(size.runs), key=lambda run: -_behind(free[run]))[:3]
     panels = []
@@ -191,6 +193,7 @@ def constraints_plan(size: Size) -> PlanFigure:
 
 
 def _behind(solved: Solved) -> int:
+    """Number of the measurements at whose time the solution is behind the camera."""
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
     return int(np.count_nonzero(np.sum((solved.xy[at.state] - at.position) * at.axis, axis=1) <= 0.0))
 

@@ -62,7 +62,7 @@ RIGHT_WITHIN = (1.4, 2.8)
 
 
 def false(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the share of false bearings, for each loss, start and set of constraints."""
+    """Table of the RMSE [m] against the share of false bearings [%], for each loss, start and set of constraints."""
     points = [(name, share) for name in WAYS for share in (SHARES[:2] if size.quick else SHARES)]
     specs = [
         sparse_spec(size, run, false=share / 100.0, **WAYS[name]) for name, share in points for run in range(size.runs)
@@ -98,13 +98,13 @@ def judge_false(table: Table) -> list[StatementVerdict]:
 
 
 def _adds(key: str, name: str, clean: PaperRow, row: PaperRow) -> StatementVerdict:
-    """Return the verdict on what false bearings add to the RMSE, as a share of the clean error, run by run.
+    """Verdict on what false bearings add to the mean RMSE, as a share of the clean error.
 
     Args:
         key: id of the verdict.
-        name: of the method.
+        name: words for the method.
         clean: row without false bearings.
-        row: with 10 % of them.
+        row: row of the same problems with 10 % of them.
     """
     ratio, error = quotient(row, clean)
     statement = (
@@ -116,7 +116,7 @@ def _adds(key: str, name: str, clean: PaperRow, row: PaperRow) -> StatementVerdi
 
 
 def covariance(size: Size, execute: Execute) -> Table:
-    """Return the table of the mean normalised squared error against the step at which the motion is identified.
+    """Table of the mean normalised squared error against the step at which the motion is identified [s].
 
     Errors with the inverse Hessian at the mode are too large for a plot: that of the longest step is a line across.
     """
@@ -138,11 +138,12 @@ def covariance(size: Size, execute: Execute) -> Table:
 
 
 def _finite(values: Iterable[float]) -> tuple[float, ...]:
+    """The values without NaN and infinite ones."""
     return tuple(x for x in values if math.isfinite(x))
 
 
 def judge_covariance(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on this project's statement about the covariance: the mean normalised squared error is 2."""
+    """Verdicts on this project's statement about the covariance: the mean normalised squared error is 2."""
     out = []
     for name in ESTIMATES:
         for row in table:
@@ -154,9 +155,14 @@ def judge_covariance(table: Table) -> list[StatementVerdict]:
 
 
 def _consistent(key: str, what: str, row: PaperRow) -> StatementVerdict:
-    """Return the verdict on a mean NEES against 2; the error bar is that of the problems' means.
+    """Verdict on a mean normalised squared error against 2; errors within a problem depend on each other.
 
-    Errors within a problem depend on each other. `key`: id; `what`: words for the case; `row`: means by problem.
+    The error bar is therefore that of the problems' means.
+
+    Args:
+        key: id of the verdict.
+        what: words for the case.
+        row: means, one for each problem.
     """
     statement = f"The normalised squared error is 2 in the mean, as the covariance states ({what})."
     low, high = RIGHT_WITHIN

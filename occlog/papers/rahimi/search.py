@@ -26,7 +26,7 @@ LEFT = 0.1
 
 
 def fig3(size: Size, execute: Execute) -> Table:
-    """Table of residuals and errors after every iteration, over those of the start, and the problems that go on."""
+    """Table of residuals and errors after every iteration, over those of the start, and of the problems that go on."""
     results = execute([sparse_spec(size, run) for run in range(size.runs)])
     last = int(max(r["iterations"] for r in results))
     rows = []
@@ -41,7 +41,7 @@ def fig3(size: Size, execute: Execute) -> Table:
 
 
 def _moving(results: Sequence[Mapping[str, float]], k: int) -> list[bool]:
-    """Return whether each problem goes on after iteration k; one that does not converge goes on for ever.
+    """Whether each problem goes on after iteration k; one that does not converge goes on for ever.
 
     `results`: figures of each problem.
     """
@@ -49,14 +49,14 @@ def _moving(results: Sequence[Mapping[str, float]], k: int) -> list[bool]:
 
 
 def settled(values: Sequence[float]) -> int:
-    """Return the first iteration from which on values stay within `LEFT` of their whole change from the last one."""
+    """First iteration from which on values stay within `LEFT` of their whole change from the last one."""
     change = abs(values[0] - values[-1])
     late = [k for k, x in enumerate(values) if abs(x - values[-1]) > LEFT * change]
     return late[-1] + 1 if late else 0
 
 
 def judge3(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 3, and those of Secs. 5 and 6 about the search."""
+    """Verdicts on [Rahimi] Fig. 3, and Secs. 5 and 6: start, course and convergence of the search."""
     ray, distance, position = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
     runs = ray.shape[1]
     lined, placed = ([settled(column.tolist()) for column in x.T] for x in (ray, distance))
@@ -86,6 +86,7 @@ def judge3(table: Table) -> list[StatementVerdict]:
 
 
 def _start(off: float, runs: int) -> StatementVerdict:
+    """Verdict on whether the search starts as the paper states; `off`: largest deviation [m] in any problem."""
     statement = (
         "The search starts with seen points 1 m along the axes and unseen ones at the origin: largest deviation [m]."
     )
@@ -94,7 +95,10 @@ def _start(off: float, runs: int) -> StatementVerdict:
 
 
 def _iterations(moving: Sequence[PaperRow]) -> list[StatementVerdict]:
-    """Return the verdicts on whether every problem converges, and after how many iterations."""
+    """Verdicts on whether every problem converges, and after how many iterations.
+
+    `moving`: rows by iteration, 1 for each problem that goes on after it, else 0.
+    """
     open_ = round(math.fsum(moving[-1].values))
     runs = moving[-1].runs
     counts = [math.fsum(values) for values in zip(*(r.values for r in moving), strict=True)]
@@ -112,25 +116,25 @@ def _iterations(moving: Sequence[PaperRow]) -> list[StatementVerdict]:
 
 @functools.lru_cache(maxsize=4)
 def ranked(size: Size) -> tuple[Solved, ...]:
-    """Solve all problems; return them by rising error."""
+    """Solutions of all problems, by rising error; the last few results are kept."""
     solved = [solve_problem(sparse_spec(size, run)) for run in range(size.runs)]
     return tuple(sorted(solved, key=error))
 
 
 def error(solved: Solved) -> float:
-    """Return the RMSE of an estimate over all steps [m]."""
+    """RMSE of an estimate over all steps [m]."""
     return float(np.sqrt(np.mean(np.sum((solved.xy - solved.true_xy) ** 2, axis=1))))
 
 
 def panel(title: str, solved: Solved, *estimates: EstimatedPath) -> PlanPanel:
-    """Return the drawing of a problem, with a title and the given estimates; without any, with the solution."""
+    """Drawing of a problem, with a title and the given estimates; without any, with the solution."""
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
     seen = np.isin(np.arange(len(solved.tracks)), at.state)
     return PlanPanel(title, solved.true_xy, seen, estimates or (EstimatedPath("estimate", solved.xy),))
 
 
 def iterations_plan(size: Size) -> PlanFigure:
-    """Draw the problem of median error after some iterations."""
+    """Picture of the problem of median error after some iterations."""
     solved = ranked(size)[size.runs // 2]
     last = len(solved.iterates) - 1
     shown = [k for k in SHOWN if k < last] + [last]

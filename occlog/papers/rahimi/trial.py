@@ -43,12 +43,20 @@ BINS = 10
 
 
 class Solved(NamedTuple):
-    """Problem with its estimate: tracks, diagnostics, and the iterations of the solver."""
+    """A problem, and its estimate by method `map` at T times.
+
+    Attributes:
+        problem: true path and bearings.
+        tracks, diagnostics: output of the method, a row for each time.
+        iterates: (T, 2) positions [m] at the start and after every iteration.
+        iterations: number of iterations.
+        converged: whether the search converged.
+    """
 
     problem: Example
     tracks: Tracks
     diagnostics: Diagnostics
-    iterates: tuple[Floats, ...]  # (T, 2) positions at the start and after every iteration
+    iterates: tuple[Floats, ...]
     iterations: int
     converged: bool
 
@@ -64,26 +72,33 @@ class Solved(NamedTuple):
 
 
 class SparseMeasurements(NamedTuple):
-    """The n measurements of a problem: index of the state, camera's position and axis, and reading."""
+    """The n measurements of a problem.
 
-    state: Ints  # (n,) time, from 0
-    position: Floats  # (n, 2) of the camera
-    axis: Floats  # (n, 2) its optical axis
-    reading: Floats  # (n,) f h/d, in units of f
+    Attributes:
+        state: (n,) index of the time, from 0.
+        position: (n, 2) position of the camera [m].
+        axis: (n, 2) unit vector along its optical axis.
+        reading: (n,) lateral offset over depth, h/d: image coordinate, in units of the focal length.
+    """
+
+    state: Ints
+    position: Floats
+    axis: Floats
+    reading: Floats
 
 
 def sparse_spec(
     size: Size, run: int, *, false: float = 0.0, fit_step_s: float = STEP_S, known_range: bool = False, **track: Any
 ) -> Spec:
-    """Describe a trial for `sparse_trial`.
+    """Specification of a trial for `sparse_trial`, with the paper's method and a motion identified on other paths.
 
     Args:
-        size: seed and steps.
+        size: number of steps, and the seed of all problems.
         run: number of the problem.
-        false: share of false bearings.
+        false: share of the bearings that are false.
         fit_step_s: step at which the motion is identified [s].
-        known_range: true: the method knows the ranges of the cameras.
-        track: settings of `map` also those of the paper.
+        known_range: whether the method knows the ranges of the cameras.
+        **track: settings of `map` that differ from the paper's (`PAPER`).
     """
     acceleration, jitter = identified(size.seed, fit_step_s)
     settings = {**PAPER, "process_noise_velocity": acceleration, "process_noise_position": jitter, **track}
@@ -99,7 +114,10 @@ def sparse_spec(
 
 
 def solve_problem(spec: Spec) -> Solved:
-    """Solve a problem by the code of `occlog track --method map`, and keep the iterates."""
+    """Solve a problem by the code of `occlog track --method map`, and keep the iterates.
+
+    `spec`: see `sparse_spec`.
+    """
     problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
     scene = sparse_scene(known_range=bool(spec["known_range"]))
     config: MapConfig = configure(MapConfig.in_unit("m"), spec["track"])
@@ -124,7 +142,10 @@ def solve_problem(spec: Spec) -> Solved:
 
 
 def sightings(bearings: Bearings, t_ns: Ints) -> SparseMeasurements:
-    """Return the measurements: the rows in which a camera saw the target; `t_ns` (T,) are the times of the states."""
+    """Measurements of a problem: the rows of `bearings` in which a camera saw the target.
+
+    `t_ns`: (T,) times of the states [ns].
+    """
     seen = bearings.take(bearings.seen)
     cameras = [sparse_scene(known_range=False).camera(name) for name in seen.sensor.tolist()]
     return SparseMeasurements(
@@ -136,14 +157,14 @@ def sightings(bearings: Bearings, t_ns: Ints) -> SparseMeasurements:
 
 
 def sparse_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial.
+    """Solve one problem, and compare the solution with the truth.
 
     Args:
         spec: `seed`, `run`, `steps`, `false` (share of false bearings), `known_range` and `track` (settings of `map`).
 
     Returns:
-        Figures of `errors`, `consistency` and `refinement`; `iterations`; `converged` (0 or 1); `measurements`;
-        and `behind`, the measurements with a camera that has the estimate behind it or at its side.
+        Figures of `errors`, `consistency` and `refinement`; `iterations`; `converged` (0 or 1); `measurements`; and
+        `behind`, the measurements with a camera that has the estimate behind it or at its side.
     """
     solved = solve_problem(spec)
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
@@ -160,10 +181,10 @@ def sparse_trial(spec: Spec) -> dict[str, float]:
 
 
 def errors(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
-    """Return the RMSE of the trajectory and of its parts [m]; NaN for a part without times.
+    """RMSE of the trajectory, `rmse`, and of its parts [m]; NaN for a part without times.
 
-    Parts: `seen`, `between` sightings, `beyond` (before the first or after the last); `ends` and `middle`;
-    and `part_0`, ..., `BINS` parts of equal length.
+    Parts: `seen`, `between` sightings, `beyond` (before the first or after the last); `ends` and `middle`; and
+    `part_0`, ..., `BINS` parts of equal length.
     """
     square = np.sum((solved.xy - solved.true_xy) ** 2, axis=1)
     T = len(square)
@@ -184,9 +205,9 @@ def errors(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
 
 
 def consistency(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
-    """Return the mean normalised squared error, 2 for a right covariance, and the share of times behind the mean.
+    """Mean normalised squared error, 2 for a right covariance, and the share of times that the mean is over.
 
-    `nees` (`unflagged`): over times that are not flagged.  `nees_known` (`known`): over those of them at which the
+    `nees` (`unflagged`): over times that are not flagged. `nees_known` (`known`): over those of them at which the
     standard deviation along the line of sight of each camera that sees the target is at most `KNOWN` of the distance.
     """
     t = solved.tracks
@@ -207,11 +228,11 @@ def consistency(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
 
 
 def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
-    """Return errors of the iterates: figures `ray_k`, `distance_k` and `place_k` after iteration k, and `start_off`.
+    """Errors of the iterates: figures `ray_k`, `distance_k` and `place_k` after iteration k, and `start_off`.
 
-    ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of the distances
-    from the cameras, over seen states [m].  place: RMSE of all states [m].  start_off: largest distance of a state
-    of the start from its position in the paper [m].
+    ray: root mean square of the residuals, in standard deviations. distance: that of the errors of the distances from
+    the cameras, over seen states [m]. place: RMSE of all states [m]. start_off: largest deviation of a coordinate of
+    the start from what the paper states [m].
     """
     true = np.sum((solved.true_xy[at.state] - at.position) * at.axis, axis=1)
     out = {}
@@ -227,17 +248,21 @@ def refinement(solved: Solved, at: SparseMeasurements) -> dict[str, float]:
 
 
 def _depth(at: SparseMeasurements, xy: Floats) -> Floats:
+    """Distances (n,) of positions `xy` (T, 2) from the cameras along their optical axes, one per measurement [m]."""
     return np.asarray(np.sum((xy[at.state] - at.position) * at.axis, axis=1))
 
 
 def _across(at: SparseMeasurements, xy: Floats) -> Floats:
+    """Distances (n,) of positions `xy` (T, 2) to the left of the optical axes, one for each measurement [m]."""
     away = xy[at.state] - at.position
     return np.asarray(at.axis[:, 0] * away[:, 1] - at.axis[:, 1] * away[:, 0])
 
 
 def _mean(values: Floats) -> float:
+    """Mean of the values; NaN without values."""
     return float(values.mean()) if len(values) else math.nan
 
 
 def _root_mean(squares: Floats) -> float:
+    """Root of the mean of squares; NaN without values."""
     return math.sqrt(_mean(squares)) if len(squares) else math.nan

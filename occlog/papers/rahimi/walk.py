@@ -62,7 +62,10 @@ WALK, NOISE, FIT = 0, 1, 2
 
 @functools.cache
 def building(*, known: bool) -> Scene:
-    """Make the building; `known`: with the wall and the cameras' ranges, which the paper's method does not know."""
+    """Scene of the building with its cameras; the same object at every call.
+
+    `known`: with the wall and the cameras' ranges, which the paper's method does not know.
+    """
     lines = ["occlog_scene: 1", "length_unit: m", f"room: {[list(p) for p in ROOM]}"]
     if known:
         lines.append(f"static_occluders:\n- {{name: wall, polygon: {[list(p) for p in WALL]}}}")
@@ -77,7 +80,7 @@ def building(*, known: bool) -> Scene:
 
 
 def walk(rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Draw a walk: (T, 2) positions `STEP_S` apart, and (T,) index from 0 of the last turning point passed."""
+    """Draw a walk: positions (T, 2) [m] `STEP_S` apart, and the index (T,) from 0 of the last turning point passed."""
     points = np.array([HOME, *LOOP, HOME, *LEGS, *REST, HOME])
     points[1:-1] += MOVED * rng.standard_normal((len(points) - 2, 2))
     legs = slice(len(LOOP) + 2, len(LOOP) + 2 + len(LEGS))
@@ -96,8 +99,9 @@ def walk_trial(spec: Spec) -> dict[str, float]:
         spec: `seed`, `run`, and `walls`: whether the method knows walls and ranges.
 
     Returns:
-        `loop`, `legs`: RMSE of what camera 1 sees of the loop and camera 3 of its legs [m]; `order`: 1 where the
-        back leg of the loop is estimated farther away than the other one; `through`: 1 where the path crosses the wall.
+        `loop`, `legs`: RMSE of what camera 1 sees of the loop and camera 3 of its legs [m]; `order`: 1 if the back leg
+        of the loop is estimated farther away than the other one, else 0; `through`: 1 if the path crosses the wall,
+        else 0.
     """
     seed, run = int(spec["seed"]), int(spec["run"])
     xy, part = walk(_rng(seed, run, WALK))
@@ -123,6 +127,13 @@ def walk_trial(spec: Spec) -> dict[str, float]:
 
 
 def _estimate(bearings: Bearings, seed: int, *, walls: bool) -> Tracks:
+    """Tracks of the paper's method.
+
+    Args:
+        bearings: measurements of one walk.
+        seed: seed of the walks at which the motion is identified.
+        walls: whether the method knows walls and ranges.
+    """
     acceleration, jitter = _identified(seed)
     settings = {
         "process_noise_velocity": acceleration,
@@ -140,7 +151,7 @@ def _estimate(bearings: Bearings, seed: int, *, walls: bool) -> Tracks:
 
 @functools.lru_cache(maxsize=8)
 def _identified(seed: int) -> tuple[float, float]:
-    """Fit acceleration and jitter of constant-velocity motion to walks that belong to no run."""
+    """Acceleration and jitter of constant-velocity motion, fitted to walks that belong to no run."""
     rng, paths = _rng(seed, 0, FIT), []
     for _ in range(TRAINING):
         xy, _ = walk(rng)
@@ -151,6 +162,7 @@ def _identified(seed: int) -> tuple[float, float]:
 
 
 def _truth(xy: Floats) -> Truth:
+    """Table of true positions `xy` (T, 2) [m], at intervals of `STEP_S`."""
     n = len(xy)
     return Truth.of(
         t_ns=_times(n),
@@ -163,14 +175,17 @@ def _truth(xy: Floats) -> Truth:
 
 
 def _times(n: int) -> Ints:
+    """Times (n,) of a walk [ns], from 0, at intervals of `STEP_S`."""
     return np.asarray(np.rint(np.arange(n) * STEP_S * 1e9), dtype=np.int64)
 
 
 def _root_mean(squares: Floats, rows: Bools) -> float:
+    """Root of the mean of `squares` (n,) over the rows of a mask (n,); NaN if it has none."""
     return math.sqrt(float(squares[rows].mean())) if rows.any() else math.nan
 
 
 def _rng(seed: int, run: int, purpose: int) -> np.random.Generator:
+    """Generator for one purpose (`WALK`, `NOISE`, `FIT`) in the run `run`."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, 2004, 7, purpose)))
 
 
@@ -191,7 +206,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements of Sec. 7 about Fig. 7."""
+    """Verdicts on [Rahimi] Fig. 7: which legs of the walk are recovered, and whether known walls help."""
     own = {row.series: row for row in table}
     loop, legs, order, through = (own[f"{FREE}, {key}"] for key in FIGURES)
     runs = order.runs

@@ -18,7 +18,7 @@ FASTEST = 2.0
 
 @dataclass(frozen=True)
 class BallsConfig(Settings):
-    """Settings of balls: number, motion, cameras and rendering."""
+    """Settings of the video of balls: number, motion, cameras and rendering; lengths in pixels."""
 
     OWNER: ClassVar[str] = "balls"
 
@@ -91,7 +91,10 @@ class BallsConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that cameras are outside the box of the balls, and that colliding balls fly straight in between."""
+        """Constraints, each as setting, whether it holds, and allowed values.
+
+        Cameras are outside the box of the balls, and balls that collide fly straight in between.
+        """
         limit = self.width + self.height + 4 * self.radius
         yield "distance", self.distance > limit, f"above {limit:g}, outside the box"
         yield "ball_motion", self.ball_motion == "straight" or not self.collide, "straight for balls that collide"

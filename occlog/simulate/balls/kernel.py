@@ -18,7 +18,10 @@ AMBIENT = 0.62
 
 
 class RenderView(NamedTuple):
-    """Camera and light parameters for the kernels."""
+    """Camera and light for the rendering kernels.
+
+    Focal length and principal point [px], and the unit vector (3,) to the lamp in the camera's frame.
+    """
 
     focal: float  # [px]
     cx: float
@@ -27,7 +30,11 @@ class RenderView(NamedTuple):
 
 
 class Skin(NamedTuple):
-    """Surface panels of a football: a spherical truncated icosahedron."""
+    """Surface panels of a football, a spherical truncated icosahedron, with their colours.
+
+    `faces` (F, 3) are normals over their distances from the centre, pentagons first; `seam` is half the width of a
+    seam, as a difference of projections on two faces; `colours` (3, 3) are BGR of pentagons, hexagons and seams.
+    """
 
     faces: Floats  # (F, 3) normals, over their distances from the centre, of those near +x, +y, +z; pentagons first
     pentagons: int
@@ -39,16 +46,16 @@ class Skin(NamedTuple):
 def trace_balls_into(
     depth: Floats, label: Ints32, covered: Ints, centres: Floats, radius: float, view: RenderView
 ) -> None:
-    """Find the nearest ball on every line of sight.
+    """Find the nearest ball on each of four lines of sight per pixel.
 
     Args:
-        depth: (H, W, 4) distance of the nearest ball so far, initially inf; lowered where a ball is nearer.
+        depth: (H, W, 4) distance along the optical axis to the nearest ball so far, initially inf; lowered in place.
         label: (H, W, 4) number of that ball, set with `depth`.
-        covered: (n, 5) of each ball, set: left, top, right, bottom (half-open) of the part of
-            the image in which it can be, and the number of lines of sight that meet it, hidden or not.
-        centres: (n, 3), at a distance of more than `radius`.
-        radius: of all balls.
-        view: the camera.
+        covered: (n, 5) filled for each ball: left, top, right, bottom (half-open) of the part of the image in which
+            it can be, and the number of lines of sight that meet it, hidden or not.
+        centres: (n, 3) centres in the camera's frame, at a distance of more than `radius`.
+        radius: radius of all balls, in the unit of the centres.
+        view: camera.
     """
     height, width = depth.shape[:2]
     pixel = 1.0 / view.focal
@@ -80,15 +87,15 @@ def trace_balls_into(
 
 @kernel
 def _limits(p: float, z: float, radius: float, focal: float, middle: float, size: int) -> tuple[int, int]:
-    """First pixel, and pixel after the last, that a ball can touch along one image axis, 0 to size.
+    """First pixel, and pixel after the last, that a ball can touch along one image axis, clipped to 0 to `size`.
 
     Args:
         p: centre of the ball on this axis, in the camera's frame.
-        z: its depth.
-        radius: of the ball.
+        z: its depth along the optical axis.
+        radius: radius of the ball, in the unit of `p` and `z`.
         focal: focal length [px].
         middle: principal point on this axis [px].
-        size: pixels along the axis.
+        size: number of pixels along the axis.
     """
     distance = math.hypot(p, z)
     centre, half = math.atan2(p, z), math.asin(min(radius / max(distance, 1e-300), 1.0))
@@ -117,17 +124,17 @@ def paint_balls_into(
     """Paint the result of `trace_balls_into`, and count the lines of sight that end on each ball.
 
     Args:
-        image: (H, W, 3) a copy of the background, changed in place.
-        depth: (H, W, 4).
-        label: (H, W, 4).
-        visible: (n,) set to the counts.
-        covered: (n, 5).
+        image: (H, W, 3) BGR, a copy of the background, changed in place.
+        depth: (H, W, 4) distances along the optical axis to the nearest ball, inf without one.
+        label: (H, W, 4) number of the nearest ball.
+        visible: (n,) filled with the counts.
+        covered: (n, 5) part of the image in which each ball can be, from `trace_balls_into`.
         background: (H, W, 3) BGR.
-        centres: (n, 3).
-        turns: (n, 3, 3) camera-from-ball rotations.
-        radius: of all balls.
+        centres: (n, 3) centres in the camera's frame.
+        turns: (n, 3, 3) rotations from the ball's frame to the camera's.
+        radius: radius of all balls.
         view: camera and lamp.
-        skin: of all balls.
+        skin: pattern of all balls.
     """
     colour = np.zeros(3)
     pixel = 1.0 / view.focal
@@ -157,8 +164,8 @@ def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, 
     """Compute the colour of a ball at one point of its surface, in place.
 
     Args:
-        colour: (3,) blue, green, red; set.
-        x: x of the surface normal in the camera's frame.
+        colour: (3,) filled: blue, green, red.
+        x: x of the unit normal of the surface, in the camera's frame.
         y: y of the normal.
         z: z of the normal.
         turn: (3, 3) rotation from the ball's frame to the camera's.
@@ -187,9 +194,9 @@ def shade_ball_into(colour: Floats, x: float, y: float, z: float, turn: Floats, 
 
 @kernel
 def clear_balls(depth: Floats, covered: Ints) -> None:
-    """Reset the depth buffer (H, W, 4) to inf, in place, where balls can be.
+    """Reset the depth buffer (H, W, 4) to inf, in place, in the parts of the image where balls can be.
 
-    `covered` (n, 5) is that of `trace_balls_into`.
+    `covered` (n, 5) has these parts: left, top, right, bottom (half-open), and a count that is not used.
     """
     for k in range(covered.shape[0]):
         for row in range(covered[k, 1], covered[k, 3]):
@@ -200,13 +207,13 @@ def clear_balls(depth: Floats, covered: Ints) -> None:
 
 @array_kernel
 def deliver_into(out: Bytes, image: Floats32, noise: Floats32, starts: Ints) -> None:
-    """Convert light plus noise to the sensor's frame, rounded and clipped to 0-255.
+    """Convert light plus noise to the image of a sensor, rounded and clipped to 0-255.
 
     Args:
-        out: (H, 3 W) the frame.
-        image: (H, 3 W) light.
-        noise: (N,) values added to colours in sequence, plus 0.5; a row takes a section of it.
-        starts: (H,) where the section of each row starts, at most N - 3 W.
+        out: (H, 3 W) filled: grey levels of the image's rows, BGR.
+        image: (H, 3 W) light in grey levels.
+        noise: (N,) values added to colours in sequence, plus 0.5 for rounding; a row takes a section of it.
+        starts: (H,) index at which the section of each row starts, at most N - 3 W.
     """
     zero, full = np.float32(0.0), np.float32(255.0)
     for row in range(image.shape[0]):

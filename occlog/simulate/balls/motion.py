@@ -28,14 +28,14 @@ TRIES = 5_000
 
 
 class BallPaths(NamedTuple):
-    """True paths of n balls in T frames."""
+    """True paths of n balls in T frames: centres (T, n, 3) in the world, and rotations world-from-ball (T, n, 3, 3)."""
 
     centres: Floats  # (T, n, 3)
     turns: Floats  # (T, n, 3, 3) world-from-ball rotations
 
 
 def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
-    """Cameras `view1`, `view2`, ...; a pixel is one unit at the centre of the box."""
+    """Cameras `view1`, `view2`, ... around the box of the balls; a pixel is one unit at the centre of the box."""
     middle = np.array([0.0, 0.0, 0.5 * config.height])
     cameras = []
     for k, (yaw, pitch) in enumerate(VIEWS[: config.views]):
@@ -54,7 +54,7 @@ def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
 
 
 def ball_box(config: BallsConfig) -> Floats:
-    """(3,) half lengths of the box in x, y, z.
+    """(3,) half lengths of the box in which balls move, in x, y, z [px].
 
     The box is as wide and high as the images, or smaller so that all views contain it.
     """
@@ -76,7 +76,7 @@ def _largest(good: Callable[[float], bool]) -> float:
 
 
 def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
-    """Whether all points (N, 3) are in the images of all cameras, to 0.1 px."""
+    """Whether all points (N, 3) in the world are in the images of all cameras, to 0.1 px."""
     for camera in cameras:
         pixels = camera.project(points)
         size = np.asarray(camera.image_size)
@@ -86,17 +86,14 @@ def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
 
 
 def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
-    """Simulate the movement of the balls, in all frames.
+    """Simulate the movement of the balls, in all frames ([Qu] Sec. 4.1).
 
     Args:
-        config: number and size of the balls, their speed, the images and the number of frames.
-        seed: of the random numbers.
-
-    Returns:
-        (T, n, 3) centres and the rotations of n balls in T frames.
+        config: number, radius and motion of the balls, images, and number T of frames.
+        seed: seed of the random numbers.
 
     Raises:
-        InputError: the balls do not fit into the space that all views see.
+        InputError: the balls do not fit into the box that all views see.
     """
     reach = ball_box(config) - config.radius
     if not (reach > 0).all():
@@ -130,9 +127,10 @@ def _directions(rngs: list[np.random.Generator]) -> Floats:
 
 
 def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floats:
-    """(n, 3) start positions relative to the centre of the box; separated in all views, or in space, if requested.
+    """(n, 3) start positions relative to the centre of the box, uniform in it.
 
-    InputError if there is no room. `reach` (3,) are the half lengths of the box for centres.
+    They are separated in all views if `start_separated`, and in space if balls collide. InputError if there is no room.
+    `reach` (3,) are the half lengths of the box for centres.
     """
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
     gap = 2.1 * config.radius
@@ -162,12 +160,12 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
 
 
 def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator]) -> Floats:
-    """(T, n, 3) paths of the balls from their starts without walls.
+    """(T, n, 3) paths of the balls from their starts, without walls [px].
 
     Args:
-        config: kind of motion.
-        velocity: (n, 3) at the start [px a frame].
-        rngs: of each ball.
+        config: kind of motion, speeds, and number T of frames.
+        velocity: (n, 3) initial velocities [px/frame].
+        rngs: random generator of each ball.
     """
     T = config.frames
     if config.ball_motion == "straight":
@@ -196,12 +194,14 @@ def _folded(way: Floats, reach: Floats) -> Floats:
 
 
 def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) positions of balls of equal mass that also collide, in steps of a tenth of a radius.
+    """(T, n, 3) positions of balls of equal mass that collide with each other and the walls.
+
+    Steps of time are so short that a ball moves at most a tenth of a radius.
 
     Args:
-        config: number of frames, speed and radius.
+        config: number T of frames, speed and radius.
         start: (n, 3) positions in the first frame, relative to the centre of the box.
-        velocity: (n, 3) per frame.
+        velocity: (n, 3) initial velocities [px/frame].
         reach: (3,) half lengths of the box for centres.
     """
     position, v = start.copy(), velocity.copy()
@@ -221,7 +221,7 @@ def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats)
 def _collide(position: Floats, v: Floats, diameter: float) -> None:
     """Change the velocities `v` (n, 3), in place, by elastic collisions of balls that approach each other.
 
-    Pairs with centres `position` (n, 3) nearer than a diameter exchange their velocities along the line of centres.
+    Pairs with centres `position` (n, 3) nearer than `diameter` exchange their velocities along the line of centres.
     """
     for i in range(len(position)):
         for j in np.flatnonzero(np.linalg.norm(position[i + 1 :] - position[i], axis=1) < diameter) + i + 1:
@@ -234,7 +234,7 @@ def _collide(position: Floats, v: Floats, diameter: float) -> None:
 
 
 def _rotations(axes: Floats, angles: Floats) -> Floats:
-    """(T, n, 3, 3) rotations about unit axes (n, 3) by angles (T, n) [rad]."""
+    """(T, n, 3, 3) rotation matrices about unit axes (n, 3) by angles (T, n) [rad] (Rodrigues)."""
     x, y, z = axes.T
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
@@ -243,19 +243,20 @@ def _rotations(axes: Floats, angles: Floats) -> Floats:
 
 
 def ball_ellipses(camera: Camera, centres: Floats, radius: float) -> Floats:
-    """Outlines of balls in an image without distortion and with square pixels.
+    """Outlines of balls in an image without distortion and with square pixels, as ellipses.
 
     A ball at the angle t off the optical axis that spans the half angle u is an ellipse with
     half axes f sin(u) cos(u) / q away from the principal point and f sin(u) / sqrt(q) across,
     centred at f sin(t) cos(t) / q from it, q = cos(t)^2 - sin(u)^2.
 
     Args:
-        camera: with its pose.
+        camera: camera with its pose.
         centres: (..., 3) world positions of the balls, wholly in front of the camera.
-        radius: > 0.
+        radius: radius of the balls, > 0.
 
     Returns:
-        (..., 5) ellipses, see `occlog.core.image`.
+        (..., 5) centre x, y [px], half axes away from the principal point and across [px], and the angle of the
+        first from the x axis of the image towards y [rad].
     """
     local = (np.asarray(centres) - camera.position) @ camera.rotation
     x, y, z = local[..., 0], local[..., 1], local[..., 2]

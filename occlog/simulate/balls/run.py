@@ -32,7 +32,7 @@ from .video import BallsFrame, balls_boxes, balls_scene, balls_truth, render_bal
 
 @dataclass(frozen=True)
 class BallsSetup:
-    """All settings of the recording except the seed."""
+    """Settings of a recording of balls without the seed: balls, scene, frame rate, video format, number of threads."""
 
     config: BallsConfig
     scene: Scene
@@ -42,7 +42,7 @@ class BallsSetup:
 
 
 def balls_setup(request: BallsRequest) -> BallsSetup:
-    """Settings of a request with defaults; 25 frames/s without `fps`."""
+    """Resolve the settings of a request; 25 frames/s without `fps`."""
     size = {} if request.size is None else dict(zip(("width", "height"), request.size, strict=True))
     config, rate_hz = configure(BallsConfig(), {**request.balls, **size}), request.fps or 25.0
     return BallsSetup(
@@ -63,14 +63,14 @@ def _paths(config: BallsConfig, seed: int) -> BallPaths:
 
 
 def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
-    """Video file of each view by camera name, next to the recording; empty if images are stored in it."""
+    """Video file of each view by camera name, next to the recording `output`; empty if images are stored in it."""
     if setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
 
 
 def run_balls(request: BallsRequest, job: Job) -> JobResult:
-    """Simulate a recording of balls, write it, and return the summary."""
+    """Simulate a recording of balls with video, write it, and return the summary."""
     setup, output, seed, overwrite = balls_setup(request), request.output, request.seed, job.overwrite
     videos = balls_videos(setup, output)
     check_outputs([], [output, *videos.values()], overwrite)
@@ -106,14 +106,14 @@ def _made(setup: BallsSetup, job: Job, seed: int) -> Provenance:
 def _write_truth(
     writer: RecordingWriter, setup: BallsSetup, paths: BallPaths, frame: BallsFrame, counts: Counter[str]
 ) -> int:
-    """Write the true positions of one frame, and the true boxes in all views.
+    """Write the true positions of one frame, and the true boxes in all views, to the recording.
 
     Args:
-        writer: of the recording.
+        writer: writer of the recording.
         setup: settings and scene.
         paths: true paths of the balls.
-        frame: boxes and number of the frame.
-        counts: numbers of frames, boxes and hidden balls, which are increased.
+        frame: ellipses, visible shares and number of the frame.
+        counts: numbers of frames, boxes and hidden balls, increased in place.
 
     Returns:
         Time of the frame [ns].
@@ -138,9 +138,9 @@ def _write_images(
     frames: Iterator[BallsFrame],
     counts: Counter[str],
 ) -> None:
-    """Write truth and PNG images of all frames to the recording, and update `counts`.
+    """Write truth and PNG images of all frames to the recording, and update `counts` in place.
 
-    Images are compressed in parallel with drawing.
+    Images are compressed in parallel with rendering.
     """
 
     def write(frame: BallsFrame, coded: list[Future[bytes]]) -> None:
@@ -169,9 +169,9 @@ def _write_files(
     counts: Counter[str],
     overwrite: bool,
 ) -> None:
-    """Write the truth of all frames to the recording, and the images to FFV1 files next to it; update `counts`.
+    """Write the truth of all frames to the recording, and the images to FFV1 files next to it.
 
-    `videos` has the file of each camera.
+    `videos` has the file of each camera by name; `counts` is updated in place.
     """
     size = (setup.config.width, setup.config.height)
     with ExitStack() as stack:

@@ -38,16 +38,27 @@ NOISE = 1 << 18
 
 
 class BallsFrame(NamedTuple):
-    """Frames of V views at one time, with the truth."""
+    """Images of V views at one time, with the truth about n balls.
+
+    Attributes:
+        frame: number of the frame.
+        images: V images (H, W, 3) BGR.
+        ellipses: (V, n, 5) true outlines of the whole balls: centre x, y [px], half axes [px], angle of the first
+            [rad].
+        share: (V, n) visible share of the part of each ball that is in the image; 0: hidden or outside.
+    """
 
     frame: int
-    images: tuple[Bytes, ...]  # V of (H, W, 3) BGR
-    ellipses: Floats  # (V, n, 5) true outlines of the whole balls
-    share: Floats  # (V, n) visible share of the part of each ball that is in the image; 0: hidden or outside
+    images: tuple[Bytes, ...]
+    ellipses: Floats
+    share: Floats
 
 
 class ViewCanvas(NamedTuple):
-    """Constant data for rendering one view of the balls."""
+    """Constant data for rendering one view of the balls: its number, camera, background (H, W, 3) BGR.
+
+    `view` is the camera with the lamp, for the kernels.
+    """
 
     number: int  # of the view
     camera: Camera
@@ -61,13 +72,13 @@ def render_balls(
     """Render the synthetic video of [Qu] Sec. 4.1, frame by frame.
 
     Args:
-        config: balls, motion and views.
-        seed: of all random numbers; a frame's noise depends on seed, view and frame number only.
-        workers: frames drawn at the same time; the result does not depend on it.
-        paths: where the balls are; None: as `ball_paths` states.
+        config: settings of balls, motion and views.
+        seed: seed of all random numbers; a frame's noise depends on seed, view and frame number only.
+        workers: number of frames rendered at the same time; the result does not depend on it.
+        paths: paths of the balls; None: those of `ball_paths`.
 
     Returns:
-        `config.frames` frames, or as many as the paths have; InputError where the balls have no room.
+        Generator of as many frames as the paths have; InputError if the balls have no room.
     """
     paths = ball_paths(config, seed) if paths is None else paths
     canvases = [_view_canvas(config, seed, k, camera) for k, camera in enumerate(ball_cameras(config))]
@@ -105,17 +116,17 @@ def _draw(
     depth: Floats,
     label: NDArray[np.int32],
 ) -> tuple[Bytes, Floats]:
-    """Render one image (H, W, 3), and return it with the visible shares (n,) of the balls, 0 to 1.
+    """Render one image (H, W, 3) BGR, and return it with the visible shares (n,) of the balls, 0 to 1.
 
     Args:
-        config: of the balls.
-        seed: of the sensor noise.
+        config: settings of the balls.
+        seed: seed of the sensor noise.
         canvas: camera and background of the view.
         t: number of the frame.
-        paths: of the balls.
-        noise: of `_noise`.
-        depth: (H, W, 4) inf; used, and restored.
-        label: (H, W, 4) used, and restored.
+        paths: paths of the balls.
+        noise: sensor noise of a long row of pixels; each row of the image takes a random section.
+        depth: (H, W, 4) buffer of inf; restored at the end.
+        label: (H, W, 4) buffer; its contents are overwritten.
     """
     centres = np.ascontiguousarray((paths.centres[t] - canvas.camera.position) @ canvas.camera.rotation)
     turns = np.ascontiguousarray(canvas.camera.rotation.T @ paths.turns[t])
@@ -147,9 +158,9 @@ def _draw(
 
 
 def _noise(config: BallsConfig, rng: np.random.Generator) -> Floats32:
-    """Sensor noise of the three colours of a row of pixels (3 (NOISE + width),), plus 0.5 for rounding.
+    """(3 (NOISE + width),) sensor noise of the three colours of pixels in a row [grey levels], plus 0.5 for rounding.
 
-    Each pixel takes a random part of it.
+    Each row of an image takes a random section of it.
     """
     n = NOISE + config.width
     common, single = rng.standard_normal((n, 1), dtype=np.float32), rng.standard_normal((n, 3), dtype=np.float32)
@@ -178,7 +189,10 @@ def football() -> Skin:
 
 
 def _first_or_second(faces: Floats) -> NDArray[np.bool_]:
-    """(F,) faces that are nearest or second nearest somewhere with x, y, z >= 0 (sufficient by symmetry)."""
+    """(F,) mask of `faces` (F, 3) that are nearest or second nearest to some point with x, y, z >= 0.
+
+    By symmetry these are sufficient for shading.
+    """
     x, y, z = np.meshgrid(*3 * [np.linspace(0.0, 1.0, 25)])
     points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     points = points[np.linalg.norm(points, axis=1) > 0.5]
@@ -218,8 +232,8 @@ def balls_scene(config: BallsConfig, rate_hz: float) -> Scene:
     """Scene with cameras `view1`, `view2`, ... around the box of the balls; lengths are pixels.
 
     Args:
-        config: balls and views.
-        rate_hz: frames a second.
+        config: settings of balls and views.
+        rate_hz: frame rate of the cameras.
     """
     x, y, z = ball_box(config).tolist()
     return Scene(
@@ -244,7 +258,7 @@ def balls_truth(centres: Floats, t_ns: int) -> Truth:
 
 
 def balls_boxes(frame: BallsFrame, cameras: tuple[Camera, ...], t_ns: int) -> list[TruthBoxes]:
-    """True boxes of all balls that reach into the image at `t_ns` [ns], a table for each view.
+    """Tables of true boxes, one per view, of all balls of a frame that reach into the image, at `t_ns` [ns].
 
     Occluded balls are included, with their visible share.
     """

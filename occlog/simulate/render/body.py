@@ -27,16 +27,25 @@ WARM = (0.035, 0.93, 0.17, 0.29)
 
 
 class Clothes(NamedTuple):
-    """Clothes of n bodies; colours are BGR, 0 to 255."""
+    """Clothes of n bodies; the five parts are skin, hair, shirt, trousers and shoes.
 
-    first: Floats  # (n, 5, 3) colour of skin, hair, shirt, trousers, shoes
-    second: Floats  # (n, 5, 3) second colour of patterned parts
-    pattern: Ints  # (n, 5)
-    stature: Floats  # (n,) height over 1.75 m
+    Attributes:
+        first, second: (n, 5, 3) BGR colours of the parts, 0 to 255; the second is that of patterned parts.
+        pattern: (n, 5) number of the pattern of each part.
+        stature: (n,) height over 1.75 m.
+    """
+
+    first: Floats
+    second: Floats
+    pattern: Ints
+    stature: Floats
 
 
 class Poses(NamedTuple):
-    """Positions (n, 2), headings (n, 2), and phases and swings of the gait (n,) [rad] of n bodies."""
+    """Poses of n bodies: positions (n, 2) in scene units, headings (n, 2) as unit vectors, and gait.
+
+    `phase` (n,) is that of the gait and `swing` (n,) that of the legs to either side [rad].
+    """
 
     xy: Floats  # (n, 2) in scene units
     heading: Floats  # (n, 2) unit vectors
@@ -45,7 +54,11 @@ class Poses(NamedTuple):
 
 
 class Solids(NamedTuple):
-    """P ellipsoids in scene units: the points p with |A (p - c)| = 1, with centre c (3,) and matrix A (3, 3) each."""
+    """P ellipsoids in scene units, the parts of n bodies: the points p with |A (p - c)| = 1.
+
+    Centres c (P, 3); matrices A (P, 3, 3), whose rows are the axes over their half lengths; half lengths (P, 3);
+    index of the body and kind of part (`SKIN` to `SHOES`) of each (P,).
+    """
 
     centre: Floats  # (P, 3)
     axes: Floats  # (P, 3, 3) A: its rows are the axes over their half lengths
@@ -55,14 +68,12 @@ class Solids(NamedTuple):
 
 
 def solids(poses: Poses, clothes: Clothes, metre: float) -> Solids:
-    """Return the ellipsoids of n bodies with these poses, all ellipsoids of one body in a row.
-
-    The feet touch the floor.
+    """Compute the ellipsoids of n bodies, those of one body in a row; the feet touch the floor.
 
     Args:
-        poses: of the bodies.
-        clothes: of the bodies, and their statures over 1.75 m.
-        metre: a metre in scene units.
+        poses: poses of the bodies.
+        clothes: clothes of the bodies, with their statures over 1.75 m.
+        metre: length of a metre in scene units.
     """
     build = _Builder(len(poses.xy))
     lowest = _legs(build, poses)
@@ -85,7 +96,10 @@ def solids(poses: Poses, clothes: Clothes, metre: float) -> Solids:
 
 
 class _Builder:
-    """Collects parts in the body's frame: x forward, y left, z up."""
+    """Collects the parts of n bodies as ellipsoids in the body's frame [m]: x forward, y left, z up.
+
+    Each list has one entry per part: centres and half lengths (n, 3), rotations (n, 3, 3), and kind of part.
+    """
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -103,14 +117,14 @@ class _Builder:
     def limb(self, part: int, start: Floats, angle: Floats, length: float, radius: float) -> Floats:
         """Add a limb hanging from `start`, swung forward by `angle`; return its other end (n, 3).
 
-        Lengths are in m, of bodies of 1.75 m.
+        Lengths are in metres, of bodies 1.75 m tall.
 
         Args:
-            part: number of the part of the body, which determines the clothes.
+            part: kind of part (`SKIN` to `SHOES`), which determines the clothes.
             start: (n, 3) upper end, in the body's frame.
-            angle: (n,) from straight down [rad].
-            length: of the limb.
-            radius: of the limb.
+            angle: (n,) angle from straight down [rad].
+            length: length of the limb.
+            radius: radius of the limb.
         """
         s, c, o = np.sin(angle), np.cos(angle), np.zeros(self.n)
         along = np.stack([s, o, -c], axis=-1)
@@ -123,9 +137,9 @@ class _Builder:
 
 
 def _legs(build: _Builder, poses: Poses) -> Floats:
-    """Add both legs of n bodies; return (n,) the height [m] of the lowest point of the shoes.
+    """Add both legs of n bodies; return the height (n,) [m] of the lowest point of the shoes, above the floor or below.
 
-    Of bodies of 1.75 m, with hips at standing height.
+    For bodies 1.75 m tall, with hips at standing height.
     """
     lowest = np.full(build.n, np.inf)
     for side in (1.0, -1.0):
@@ -167,22 +181,28 @@ def _frames(heading: Floats) -> Floats:
 
 
 class Outfit(NamedTuple):
-    """Clothes of one body; colours are BGR, 0 to 255."""
+    """Clothes of one body; the five parts are skin, hair, shirt, trousers and shoes.
 
-    first: Floats  # (5, 3) colour of skin, hair, shirt, trousers, shoes
-    second: Floats  # (5, 3) second colour of patterned parts
-    pattern: Ints  # (5,)
-    stature: float  # height over 1.75 m
+    Attributes:
+        first, second: (5, 3) BGR colours of the parts, 0 to 255; the second is that of patterned parts.
+        pattern: (5,) number of the pattern of each part.
+        stature: height over 1.75 m.
+    """
+
+    first: Floats
+    second: Floats
+    pattern: Ints
+    stature: float
 
 
 def dress(number: int, target: bool, rng: np.random.Generator, *, two_sided: bool = False) -> Outfit:
-    """Clothes for one body: targets wear warm hooped shirts, each its own hue, others cool or grey ones.
+    """Draw clothes for one body: targets wear warm hooped shirts, each its own hue, others cool or grey ones.
 
     Args:
-        number: of the target among the targets; it chooses the hue.
+        number: number of the target among the targets, which determines the hue.
         target: whether the body is a target.
-        rng: the source of all other choices.
-        two_sided: the shirt is plain, and behind it has another colour: a target's that of the front of the next one.
+        rng: generator of all other choices.
+        two_sided: the shirt is plain with another colour at the back: for a target that of the next one's front.
     """
     stature, tone, dark = rng.uniform(0.95, 1.05), rng.uniform(0.45, 1.0), rng.uniform(0.1, 0.45)
     hue, vivid, value = rng.uniform(0.4, 0.68), rng.choice([0.06, 0.5, 0.75]), rng.uniform(0.3, 0.75)
@@ -229,10 +249,10 @@ LAG_S = 0.35
 
 
 def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
-    """Generate the grids with, instead of z, columns vx, vy (smoothed velocity in m/s) and phase of the gait [rad].
+    """Add velocity and gait to chunks of positions: columns x, y, vx, vy [m/s], gait phase [rad], in place of x, y, z.
 
-    A body faces its velocity, smoothed with a time constant of 0.35 s, so that the noise
-    of its path does not make it shake; it starts in the direction of its first step. `metre` is a metre in scene units.
+    The velocity is smoothed with a time constant of `LAG_S`, so that the noise of a path does not make its body
+    shake; it starts in the direction of the first step. `metre` is the length of a metre in scene units.
     """
     last: TimeGrid | None = None
     for grid in grids:
@@ -252,14 +272,14 @@ def walking(grids: Iterable[TimeGrid], metre: float) -> Iterator[TimeGrid]:
 
 
 def _start(last: TimeGrid | None, grid: TimeGrid, metre: float) -> tuple[Floats, Floats, Floats]:
-    """Return position (n, 2), velocity (n, 2) [m/s] and gait phase (n,) [rad] at the last time of the previous chunk.
+    """Position (n, 2), velocity (n, 2) [m/s] and gait phase (n,) [rad] of n objects before a chunk.
 
-    Of an object that was not in it, those at the first time of this chunk.
+    They are those at the last time of the previous chunk, or, for a new object, at the first time of this one.
 
     Args:
         last: previous chunk, with velocity and phase in columns 2 to 4; None: there was none.
         grid: this chunk, with n objects.
-        metre: a metre in scene units.
+        metre: length of a metre in scene units.
     """
     position = grid.xyz[0, :, :2].copy()
     velocity = np.zeros_like(position)

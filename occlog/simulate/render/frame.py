@@ -26,7 +26,10 @@ BORDER = np.linspace(0.0, 1.0, 9)
 
 
 def ideal_limits(camera: Camera) -> Floats:
-    """Return (4,) bounds x0, y0, x1, y1 of the image in undistorted normalised coordinates (pixels / focal length)."""
+    """(4,) bounds x0, y0, x1, y1 of the image in undistorted normalised coordinates.
+
+    These are x / z and y / z in the camera's frame.
+    """
     width, height = camera.image_size or (0, 0)
     across, down = np.linspace(-0.5, width - 0.5, 65), np.linspace(-0.5, height - 0.5, 65)
     sides = [np.column_stack([np.full(65, x), down]) for x in (-0.5, width - 0.5)]
@@ -36,12 +39,12 @@ def ideal_limits(camera: Camera) -> Floats:
 
 
 def pixel_boxes(camera: Camera, limits: Floats, points: Floats) -> Ints:
-    """Pixels that can contain things, given by points of their convex hulls.
+    """Boxes of pixels that contain P things, given by points of their convex hulls.
 
     Args:
-        camera: with an image size.
-        limits: (4,) `ideal_limits` of the camera.
-        points: (P, m, 3) world points around each of P things.
+        camera: camera with an image size.
+        limits: (4,) bounds of the image in normalised coordinates, by `ideal_limits`.
+        points: (P, m, 3) world points around each thing.
 
     Returns:
         (P, 4) left, top, right, bottom, half-open; empty behind the camera or outside the
@@ -69,12 +72,12 @@ def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Float
     """Convert bounding boxes in undistorted normalised coordinates to pixel bounds of the distorted image.
 
     Args:
-        camera: has the lens.
+        camera: camera with its lens.
         low: (n, 2) left and top.
         high: (n, 2) right and bottom.
 
     Returns:
-        (n, 2) left and top, and (n, 2) right and bottom [px], with some slack for a lens with distortion.
+        (n, 2) left and top, and (n, 2) right and bottom [px], 2 px wider if the lens has distortion.
     """
     u = np.concatenate([BORDER, BORDER, 0 * BORDER, 0 * BORDER + 1])
     v = np.concatenate([0 * BORDER, 0 * BORDER + 1, BORDER, BORDER])
@@ -86,12 +89,12 @@ def _to_pixels(camera: Camera, low: Floats, high: Floats) -> tuple[Floats, Float
 
 
 def around_ellipsoids(centre: Floats, axes: Floats, half: Floats) -> Floats:
-    """Return (P, 8, 3) corners of the oriented boxes around ellipsoids.
+    """(P, 8, 3) corners of the oriented boxes around ellipsoids, in world coordinates.
 
     Args:
         centre: (P, 3) centres.
-        axes: (P, 3, 3) rows: directions of the axes, over the semi-axes.
-        half: (P, 3) lengths of the semi-axes.
+        axes: (P, 3, 3) matrices, whose rows are the unit directions of the axes over the half lengths.
+        half: (P, 3) half lengths of the axes.
     """
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     edges = axes * half[..., None] ** 2  # rows: axis direction times half length
@@ -99,14 +102,14 @@ def around_ellipsoids(centre: Floats, axes: Floats, half: Floats) -> Floats:
 
 
 def around_shadows(xy: Floats, height: Floats, radius: Floats, lights: Floats, reach: Floats) -> Floats:
-    """Return (n, m, 3) floor points around n upright cylinders and their shadows.
+    """(n, m, 3) floor points around n upright cylinders and their shadows, in world coordinates.
 
     Args:
-        xy: (n, 2) axes.
-        height: (n,) of the cylinders.
-        radius: (n,) of the cylinders.
-        lights: (L, 5) lamps.
-        reach: (n,) shadows are cut off at this distance from the axis.
+        xy: (n, 2) axes of the cylinders.
+        height: (n,) heights.
+        radius: (n,) radii.
+        lights: (L, 5) lamps: x, y, z, power, and half-light distance.
+        reach: (n,) distance from the axis at which shadows are cut off.
     """
     turns = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     ring = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
@@ -130,7 +133,11 @@ SHADOW_REACH = 2.5
 
 
 class Canvas(NamedTuple):
-    """Buffers of one camera, reused from frame to frame."""
+    """Camera, empty room and buffers for rendering the frames of one camera.
+
+    `limits` (4,) are the bounds of the image (`ideal_limits`); `image`, `depth`, `label` and `stamp` are work space
+    that is restored after a frame; `noise` (N,) are standard normal numbers, `last` (1,) the last stamp used.
+    """
 
     camera: Camera
     empty: Background
@@ -145,7 +152,11 @@ class Canvas(NamedTuple):
 
 
 class RenderedFrame(NamedTuple):
-    """A rendered frame, and the objects that it shows."""
+    """A rendered frame (H, W, 3) BGR, and which m objects it shows.
+
+    `present` (m,) are the indices of the objects with a position; `extent` (m, 5) left, top, right, bottom pixel
+    and number of lines of sight of their whole bodies; `visible` (m, 5) those of the visible parts.
+    """
 
     image: Bytes  # (H, W, 3) BGR
     present: Ints  # (m,) which objects were there to be drawn
@@ -158,11 +169,11 @@ def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32, contrast
 
     Args:
         scene: room and occluders.
-        camera: with image size and pose.
-        metre: a metre in scene units.
-        noise: (N,) standard normal numbers; every row of a frame takes a section of them from
-            a random position on.  N must be well above three times the width of the image.
-        contrast: of the surfaces' grain.
+        camera: camera with image size and pose.
+        metre: length of a metre in scene units.
+        noise: (N,) standard normal numbers; every row of a frame takes a section of them from a random position on.  N
+            must be well above three times the width of the image.
+        contrast: factor of the surfaces' texture.
     """
     lights = lamps(scene.surroundings, scene.room_height)
     return _on(camera, background(scene, camera, metre, contrast), lights, metre, noise)
@@ -172,9 +183,9 @@ def bare_canvas(camera: Camera, lights: Floats, metre: float) -> Canvas:
     """Prepare a renderer for bodies alone, on a black background and without noise.
 
     Args:
-        camera: with an image size.
-        lights: (L, 5) lamps.
-        metre: a metre in scene units.
+        camera: camera with an image size.
+        lights: (L, 5) lamps: x, y, z, power, and half-light distance.
+        metre: length of a metre in scene units.
     """
     width = (camera.image_size or (0, 0))[0]
     return _on(camera, blank(camera, len(lights)), lights, metre, np.zeros(4 * width, dtype=np.float32))
@@ -207,13 +218,13 @@ def draw(
     """Render one frame of a camera with bodies, shadows and noise.
 
     Args:
-        c: the camera's canvas; its work space is used, so that a canvas draws one frame at a time.
-        rows: (n, 5) x, y, vx, vy, phase of the objects; a row with NaN is not there.
-        clothes: of the n objects.
+        c: canvas of the camera; its work space is used, so that a canvas renders one frame at a time.
+        rows: (n, 5) x, y, vx, vy, gait phase of n objects; NaN: absent.
+        clothes: clothes of the n objects.
         gain: factor of the light.
-        sigmas: standard deviation of the noise common to the three colours, and of that of each colour [grey levels].
-        shadows: whether bodies throw shadows on the floor.
-        rng: source of the noise.
+        sigmas: standard deviations of the noise common to the three colours, and of that of each colour [grey levels].
+        shadows: whether bodies cast shadows on the floor.
+        rng: generator of the noise.
     """
     np.copyto(c.image, c.empty.colour)
     present = np.flatnonzero(np.isfinite(rows).all(axis=1))
@@ -255,9 +266,9 @@ def _bodies(c: Canvas, rows: Floats, worn: Clothes) -> tuple[Ints, Ints]:
     Bounds are left, top, right and bottom pixel, and the number of lines of sight.
 
     Args:
-        c: canvas, changed.
-        rows: (n, 5) x, y, vx, vy and gait phase.
-        worn: clothes.
+        c: canvas, updated in place.
+        rows: (n, 5) x, y, vx, vy [m/s] and gait phase [rad].
+        worn: clothes of the bodies.
     """
     n = len(rows)
     parts = solids(poses(rows), worn, c.room.metre)

@@ -17,20 +17,34 @@ from .surfaces import hash_point, light_at
 
 
 class Bodies(NamedTuple):
-    """P painted ellipsoids |A (p - c)| = 1 of n bodies, in the order of the bodies."""
+    """P painted ellipsoids |A (p - c)| = 1 of n bodies, in the order of the bodies, for the rendering kernels.
 
-    centre: Floats  # (P, 3)
-    axes: Floats  # (P, 3, 3) A
-    half: Floats  # (P, 3) half lengths of the axes
-    body: Ints  # (P,) which of the n bodies
-    first: Floats  # (P, 3) BGR
-    second: Floats  # (P, 3) BGR
-    pattern: Ints  # (P,)
-    boxes: Ints  # (P, 4) columns and rows in which it can be: left, top, right, bottom, half-open
+    Attributes:
+        centre: (P, 3) centres c.
+        axes: (P, 3, 3) matrices A.
+        half: (P, 3) half lengths of the axes.
+        body: (P,) index of the body.
+        first, second: (P, 3) BGR colours.
+        pattern: (P,) number of the pattern of both colours.
+        boxes: (P, 4) left, top, right, bottom of the pixels in which an ellipsoid can be, half-open.
+    """
+
+    centre: Floats
+    axes: Floats
+    half: Floats
+    body: Ints
+    first: Floats
+    second: Floats
+    pattern: Ints
+    boxes: Ints
 
 
 class Room(NamedTuple):
-    """Camera and lights as the kernels need them."""
+    """Camera and lights for the rendering kernels.
+
+    Centre of the camera (3,); lamps (L, 5): x, y, z, power, and half-light distance; ambient brightness; length of
+    a metre in scene units; near clipping distance.
+    """
 
     origin: Floats  # (3,) centre of the camera
     lights: Floats  # (L, 5)
@@ -50,18 +64,18 @@ def trace_into(
     room: Room,
     first_stamp: int,
 ) -> None:
-    """Find the nearest ellipsoid on every line of sight, and how far every body reaches in the image.
+    """Find the nearest ellipsoid on every line of sight, and the extent of every body in the image.
 
     Args:
-        depth: (H, W, 4) depth of the nearest thing so far; lowered where a body is nearer.
-        label: (H, W, 4) number of the ellipsoid seen, set with `depth`.
-        stamp: (H, W, 4) last body that a line of sight met, to count each line once.
-        extent: (n, 5) for each body: left, top, right, bottom pixel and number of lines of sight
-            that meet it, hidden or not.
-        rays: (H, W, 4, 3) directions with unit forward component.
-        bodies: what to draw.
-        room: camera and light.
-        first_stamp: larger than any stamp used before, minus 1.
+        depth: (H, W, 4) depth of the nearest surface so far; lowered where a body is nearer.
+        label: (H, W, 4) index of the nearest ellipsoid, set with `depth`.
+        stamp: (H, W, 4) number of the last body that a line of sight met, to count each line once; updated.
+        extent: (n, 5) for each body: left, top, right, bottom pixel and number of lines of sight that meet it,
+            hidden or not; updated.
+        rays: (H, W, 4, 3) directions in the world with unit component along the optical axis.
+        bodies: ellipsoids to draw.
+        room: camera and lights.
+        first_stamp: number above all in `stamp`; body k gets `first_stamp` + k.
     """
     origin = room.origin
     for p in range(bodies.centre.shape[0]):
@@ -99,15 +113,15 @@ def trace_into(
 
 @kernel
 def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: float) -> float:
-    """Return the share (0 or 1) of the first of two colours of a cloth pattern, at a point of the unit sphere.
+    """Choose one of two colours of a cloth pattern at a point of the unit sphere: 1 for the first, 0 for the second.
 
     Args:
-        qx: point, in the ellipsoid's own axes; positive: at the front.
-        qy: point.
-        qz: point, along the third axis.
-        half: half length of this axis.
+        qx: x of the point in the ellipsoid's own axes; positive: at the front.
+        qy: y of the point.
+        qz: z of the point.
+        half: half length of the ellipsoid's third axis, in scene units.
         pattern: `PLAIN` (always 1), `HOOPS`, `STRIPES`, `CHECKS` or `SIDES` (front and back).
-        metre: a metre in scene units.
+        metre: length of a metre in scene units.
     """
     first = True
     if pattern == 1 or pattern == 3:
@@ -124,12 +138,12 @@ def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bod
     """Compute the colour of an ellipsoid of a body where a line of sight meets it, in place.
 
     Args:
-        colour: (3,) blue, green, red; set.
+        colour: (3,) filled: blue, green, red.
         p: index of the ellipsoid.
-        t: distance of the point, in lengths of `ray`.
+        t: distance of the point from the camera, in lengths of `ray`.
         ray: (3,) direction of the line of sight.
         bodies: ellipsoids with their clothes.
-        room: has the position of the camera and the lamps.
+        room: position of the camera, and lamps.
     """
     rx, ry, rz = ray[0], ray[1], ray[2]
     x, y, z = room.origin[0] + t * rx, room.origin[1] + t * ry, room.origin[2] + t * rz
@@ -164,18 +178,18 @@ def resolve_into(
     bodies: Bodies,
     room: Room,
 ) -> None:
-    """Paint what `trace_into` found, count the visible pixels of each body, and restore the buffers.
+    """Paint the result of `trace_into`, count the visible lines of sight of each body, and restore the buffers.
 
     An ellipsoid is shaded once in a pixel, on the first of its lines of sight.
 
     Args:
-        image: (H, W, 3) BGR, painted.
-        depth: (H, W, 4) of the nearest ellipsoid; set to `empty_depth`.
-        label: (H, W, 4) number of that ellipsoid; set to -1.
-        visible: (n, 5) as `extent`, extended by the lines of sight that end on the body.
-        empty_depth: (H, W, 4) of the room without people.
-        rays: (H, W, 4, 3) directions.
-        extent: (n, 5) left, top, right and bottom pixel of each body, and its lines of sight.
+        image: (H, W, 3) BGR, painted in place.
+        depth: (H, W, 4) depth of the nearest ellipsoid; reset to `empty_depth`.
+        label: (H, W, 4) index of that ellipsoid; reset to -1.
+        visible: (n, 5) left, top, right, bottom pixel and number of the lines of sight that end on each body; updated.
+        empty_depth: (H, W, 4) depth of the room without people.
+        rays: (H, W, 4, 3) directions of the lines of sight.
+        extent: (n, 5) left, top, right, bottom pixel of each whole body, and its number of lines of sight.
         bodies: all ellipsoids.
         room: lamps and camera.
     """
@@ -235,18 +249,18 @@ def shadow_into(
     box: Ints,
     room: Room,
 ) -> None:
-    """Darken the floor where a body, an upright cylinder at (x, y), keeps the lamps' light away.
+    """Darken the floor where a body, an upright cylinder at (x, y), blocks the light of the lamps, in place.
 
     Args:
-        image: (H, W, 3) changed in place.
+        image: (H, W, 3) BGR, changed.
         floor: (H, W, 3) x, y on the floor, and the share of the pixel that is floor.
         lamp: (H, W, L) light of each lamp there, without shadow.
-        x: of the cylinder.
-        y: of the cylinder.
-        height: of the cylinder.
-        radius: of the cylinder.
-        box: (4,) pixels to search.
-        room: lamps.
+        x: x of the cylinder's axis.
+        y: y of the cylinder's axis.
+        height: height of the cylinder.
+        radius: radius of the cylinder.
+        box: (4,) left, top, right, bottom (half-open) of the pixels to search.
+        room: lamps and ambient light.
     """
     lights = room.lights
     for row in range(box[1], box[3]):
@@ -280,16 +294,16 @@ def shadow_into(
 def finish_into(
     out: Bytes, image: Floats32, noise: Floats32, starts: Ints, gain: float, common: float, single: float
 ) -> None:
-    """The frame as the sensor delivers it: `gain` times the light plus noise, rounded and clipped to 0-255.
+    """Convert light to the image of a sensor: `gain` times the light plus noise, rounded and clipped to 0-255.
 
     Args:
-        out: (H, W, 3) the frame.
-        image: (H, W, 3) light.
+        out: (H, W, 3) filled: BGR image.
+        image: (H, W, 3) light in grey levels.
         noise: (N,) standard normal numbers; a row of the image takes two sections of them.
-        starts: (H, 2) where the sections of each row start, at most N - 3 W.
+        starts: (H, 2) indices at which the sections of each row start, at most N - 3 W.
         gain: factor of the light.
-        common: standard deviation of the noise that is the same in the three colours.
-        single: standard deviation of the noise of each colour alone.
+        common: standard deviation of the noise common to the three colours [grey levels].
+        single: standard deviation of the noise of each colour [grey levels].
     """
     g, sd, sd1 = np.float32(gain), np.float32(common), np.float32(single)
     for row in range(image.shape[0]):

@@ -43,52 +43,67 @@ PERSON = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rendered:
-    """One frame of one camera, with its ground truth."""
+    """One rendered frame of one camera, with its ground truth.
+
+    Attributes:
+        t_ns, sensor, index: time [ns], name of the camera, and number of the frame.
+        image: (H, W, 3) BGR.
+        boxes: boxes of the whole bodies, hidden parts included, clipped to the image.
+        visible: boxes of the visible parts, without wholly hidden bodies.
+        share: visible share of each body with a box, 0 to 1.
+    """
 
     t_ns: int
     sensor: str
     index: int
-    image: Bytes  # (H, W, 3) BGR
-    boxes: TruthBoxes  # whole bodies, hidden parts included, clipped to the image
-    visible: TruthBoxes  # the visible parts of the same bodies, but for those wholly hidden
-    share: Floats  # visible share of each body that has a box
+    image: Bytes
+    boxes: TruthBoxes
+    visible: TruthBoxes
+    share: Floats
 
 
 class RenderJob(NamedTuple):
-    """A frame that is to be rendered: camera, time, and positions of the bodies."""
+    """A frame of one camera that is to be rendered, with n bodies.
+
+    Attributes:
+        t_ns: time [ns].
+        number: index of the camera among those drawn.
+        frame: number of the frame.
+        rows: (n, 5) x, y (scene units), vx, vy [m/s] and gait phase [rad] of the bodies.
+        ids: (n,) numbers of the objects.
+        clothes: their clothes.
+    """
 
     t_ns: int
-    number: int  # of the camera among those drawn
-    frame: int  # its number
-    rows: Floats  # (n, 5) x, y, vx, vy and phase of the gait of each object, see `walking`
-    ids: NDArray[np.int64]  # (n,)
+    number: int
+    frame: int
+    rows: Floats
+    ids: NDArray[np.int64]
     clothes: Clothes
 
 
 def scene_metre(scene: Scene, diameter: float) -> float:
-    """Return the length of one metre in scene units.
-
-    For scenes without a length unit, a person is one diameter wide.
-    """
+    """Length of a metre in scene units; without a known length unit a person of `diameter` is taken as 0.5 m wide."""
     return 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else diameter / PERSON
 
 
 def render(
     scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: RenderConfig, seed: int
 ) -> Iterator[Rendered]:
-    """Video of every camera that has a pose, an image size and a height, frame by frame in the order of time.
+    """Render the video of every camera with a pose, frame by frame in the order of time.
 
     Cameras deliver frames at their own rates, or at every time of the truth.  The noise of
     a frame depends on seed, camera and frame number only.
 
     Args:
         scene: room, static occluders and cameras.
-        truth_chunks: true paths of all people, in time order, as tables or grids; people face and step where they go.
-        config: noise, light, clothes.
-        seed: of all random numbers.
+        truth_chunks: true paths of all people, in the order of time, as tables or grids; people face and step where
+            they go.
+        config: settings of noise, light and clothes.
+        seed: seed of all random numbers.
 
     Returns:
-        Frames; InputError names a camera that cannot be rendered and what it lacks.
+        Generator of frames; InputError for a camera without an image size or a height above the floor.
     """
     metre = scene_metre(scene, config.diameter)
     numbers = [i for i, camera in enumerate(scene.cameras) if camera.placed]
@@ -143,7 +158,7 @@ def _checked(camera: Camera) -> Camera:
 def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
     """Draw clothes for n objects; they depend on the seed, the numbers, and which objects are targets.
 
-    `ids` (n,) are the numbers, `target` (n,) tells which are targets.
+    `ids` (n,) are the numbers, `target` (n,) is the mask of targets.
     """
     targets = ids[target].tolist()
     worn = []
@@ -162,12 +177,12 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
 
 
 def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -> list[RenderJob]:
-    """Return the frames to render in one chunk of truth, sorted by time and then by camera.
+    """Frames to render in one chunk of truth, sorted by time and then by camera.
 
     Args:
-        found: frames of each camera.
+        found: frames of each camera, with the positions of n objects.
         ids: (n,) numbers of the objects.
-        clothes: of the objects.
+        clothes: clothes of the objects.
     """
     jobs = [
         RenderJob(int(t), number, appearance.first + k, appearance.xyz[k], ids, clothes)
@@ -198,13 +213,13 @@ def _rendered(camera: Camera, job: RenderJob, drawn: RenderedFrame, config: Rend
 def _boxes(
     camera: Camera, job: RenderJob, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats
 ) -> TruthBoxes:
-    """Return the ground-truth boxes of one frame, rounded to whole pixels; one empty row for a frame without people.
+    """Ground-truth boxes of one frame, rounded to whole pixels; one empty row for a frame without people.
 
     Args:
-        camera: of the frame.
-        job: the frame.
+        camera: camera of the frame.
+        job: time and number of the frame.
         ids: (m,) numbers of the people.
-        pixels: (m, 5) left, top, right and bottom pixel, and lines of sight.
+        pixels: (m, 5) left, top, right and bottom pixel, and a number of lines of sight that is not used.
         share: (m,) visible shares, 0 to 1.
     """
     if not len(ids):
@@ -238,14 +253,14 @@ SIDES = 8
 def reference_appearances(
     scene: Scene, targets: Iterable[int], config: RenderConfig, seed: int, colours: bool = True
 ) -> list[dict[str, int | list[float]]]:
-    """Appearance of each target: the histogram of its body as seen from eight sides in the scene's light.
+    """Appearance of each target: the colour histogram of its body seen from eight sides in the scene's light.
 
     Args:
-        scene: its lamps light the body, which is below the first lamp.
+        scene: scene with its lamps; the body stands below the first lamp.
         targets: numbers of the targets, rising, as in the truth that is rendered.
-        config: as for `render`.
-        seed: as for `render`; it decides on the clothes.
-        colours: of the video; without them the histograms are of brightness alone.
+        config: settings of the video.
+        seed: seed of the video, which determines the clothes.
+        colours: whether the video has colours; without, the histograms are of brightness alone.
 
     Returns:
         `[{"target_id": 0, "appearance": [72 numbers that sum to 1]}, ...]`
@@ -265,9 +280,10 @@ def reference_appearances(
 
 
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
-    """Return the canvas of a camera that views the position under the first lamp, and that position (2,).
+    """Canvas of a camera directed at the position under the first lamp, and that position (2,).
 
-    The camera is at a fixed distance and points at the azimuth `angle` [rad]; `metre` is a metre in scene units.
+    The camera is at a fixed distance and points at the azimuth `angle` [rad]; `metre` is the length of a metre in scene
+    units.
     """
     lights = lamps(scene.surroundings, scene.room_height)
     position = lights[0, :2]
@@ -288,11 +304,11 @@ def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, pha
     """Add the pixels of one rendered body, walking along x, to a colour histogram in place.
 
     Args:
-        counts: (m,) histogram.
+        counts: (72,) histogram, updated.
         view: canvas, and position of the body (2,).
-        clothes: of the body.
-        phase: of its gait [rad].
-        colours: False: the image is made grey.
+        clothes: clothes of the body.
+        phase: phase of its gait [rad].
+        colours: False: the image is converted to grey before.
     """
     sheet, position = view
     rows = np.array([[*position, WALKING, 0.0, phase]])

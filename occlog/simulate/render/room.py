@@ -30,7 +30,14 @@ BAND = 32
 
 
 class Solid(NamedTuple):
-    """Walls, pillars and lamps of the scene as arrays for the kernels."""
+    """Walls, pillars and lamps of the scene visible to one camera, as arrays for the kernels.
+
+    `faces` (F, 5) are visible upright faces: ax, ay, bx, by, height, and `wall` (F,) the mask of those of the room.
+    `caps` (S, 2), `starts` (P + 1,) and `heights` (P,) are the packed outlines of the pillars; `reach` (P, 3)
+    circles x, y, radius around them. `room` (K, 2) is the outline under the ceiling at `height`, (0, 2) without
+    one. Lamps (L, 5): x, y, z, power, half-light distance. `metre` is the length of a metre in scene units,
+    `contrast` a factor of the textures.
+    """
 
     faces: Floats  # (F, 5) visible upright faces: ax, ay, bx, by, height
     wall: NDArray[np.bool_]  # (F,) a wall of the room, not a face of a pillar
@@ -46,13 +53,21 @@ class Solid(NamedTuple):
 
 
 class Background(NamedTuple):
-    """Image, depths and lines of sight of the empty room as seen by one camera."""
+    """The empty room as seen by one camera, with four lines of sight per pixel and L lamps.
 
-    colour: Floats32  # (H, W, 3) BGR
-    depth: Floats32  # (H, W, 4) distance along the optical axis to what each line of sight hits
-    rays: Floats32  # (H, W, 4, 3) directions with unit forward component
-    floor: Floats32  # (H, W, 3) x, y on the floor in the pixel's middle, and the share of the pixel that is floor
-    lamp: Floats32  # (H, W, L) light of each lamp on the floor there, without shadows
+    Attributes:
+        colour: (H, W, 3) BGR.
+        depth: (H, W, 4) distance along the optical axis to what each line of sight hits.
+        rays: (H, W, 4, 3) directions of the lines of sight in the world, with unit forward component.
+        floor: (H, W, 3) x, y on the floor in the pixel's middle, and the share of the pixel that is floor.
+        lamp: (H, W, L) light of each lamp on the floor there, without shadows.
+    """
+
+    colour: Floats32
+    depth: Floats32
+    rays: Floats32
+    floor: Floats32
+    lamp: Floats32
 
 
 @kernel
@@ -66,20 +81,21 @@ def cast(
     starts: Ints,
     heights: Floats,
 ) -> tuple[Floats, Ints]:
-    """Return the nearest hits of N lines of sight with the room.
+    """Find the nearest hits of N lines of sight with the room.
 
     Args:
-        origin: (3,) of all lines.
+        origin: (3,) common origin of the lines.
         rays: (N, 3) directions.
         faces: (F, 5) upright faces: ax, ay, bx, by, height.
         room: (K, 2) outline under the ceiling; (0, 2): no ceiling.
-        height: of the ceiling.
-        caps: (S, 2) packed outlines of the pillars.
-        starts: (P + 1,) first corner of each.
-        heights: (P,) of the pillars.
+        height: height of the ceiling.
+        caps: (S, 2) outlines of P pillars, one after the other.
+        starts: (P + 1,) index of the first corner of each, then S.
+        heights: (P,) heights of the pillars.
 
     Returns:
-        (N,) distances in ray lengths, inf without a hit, and (N,) numbers of the surfaces, -1 without a hit.
+        (N,) distances in ray lengths, inf without a hit, and (N,) surfaces: -1 none, 0 floor, 1 ceiling, then the
+        faces, then the tops of the pillars.
     """
     cx, cy, cz = origin[0], origin[1], origin[2]
     t_out = np.full(rays.shape[0], np.inf)
@@ -113,9 +129,9 @@ def cast(
 
 
 def solid_scene(scene: Scene, camera: Camera, metre: float, contrast: float) -> Solid:
-    """Return the surfaces visible to a camera: the sides of walls and pillars that face it.
+    """Collect the surfaces that a camera can see: the sides of walls and pillars that face it, and pillar tops.
 
-    `metre` is a metre in scene units, `contrast` a factor of the surfaces' texture.
+    `metre` is the length of a metre in scene units, `contrast` a factor of the surfaces' texture.
     """
     sides: list[list[float]] = []
     wall: list[bool] = []
@@ -146,12 +162,12 @@ def _circle(polygon: Floats, margin: float) -> list[float]:
 
 
 def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[list[float]]:
-    """Return the edges of a counter-clockwise polygon that show one of their sides to the camera.
+    """Edges of a counter-clockwise polygon with one side, inner or outer, turned to the camera.
 
     Args:
-        polygon: (K, 2).
-        height: of the face on each edge.
-        ground: (2,) position of the camera.
+        polygon: (K, 2) corners.
+        height: height of the face on each edge.
+        ground: (2,) ground position of the camera.
         inner: the inner sides, of a room; otherwise the outer ones, of a pillar.
 
     Returns:
@@ -168,7 +184,7 @@ def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[
 def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0) -> Background:
     """Render the empty room for one camera, with four lines of sight per pixel.
 
-    `metre` is a metre in scene units, `contrast` a factor of the surfaces' texture.
+    `metre` is the length of a metre in scene units, `contrast` a factor of the surfaces' texture.
     """
     solid = solid_scene(scene, camera, metre, contrast)
     out = blank(camera, len(solid.lights))
@@ -179,7 +195,7 @@ def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0
 
 
 def blank(camera: Camera, n_lights: int) -> Background:
-    """Return a black background at infinite depth without a floor, with the camera's lines of sight.
+    """Black background at infinite depth without a floor, with the camera's lines of sight, for `n_lights` lamps.
 
     ValueError for a camera without image size.
     """
@@ -200,7 +216,10 @@ def blank(camera: Camera, n_lights: int) -> Background:
 
 
 def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
-    """Return (rows * width * 4, 3) lines of sight through the pixels of the image rows `top` to `bottom`."""
+    """(rows * width * 4, 3) directions in the world of lines of sight, four for each pixel of some image rows.
+
+    The rows are `top` <= row < `bottom`.
+    """
     v, u = np.mgrid[top:bottom, 0:width].astype(np.float64)
     pixels = np.stack([np.stack([u + du, v + dv], axis=-1) for du, dv in SAMPLES], axis=2)
     return camera.rays(camera.to_usable(pixels.reshape(-1, 2)))
@@ -211,11 +230,11 @@ def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: 
 
     Args:
         out: background with the directions of its pixels; colours, depths, positions on the floor and the light there
-            are written.
-        camera: from which the room is seen.
-        solid: walls, floor and static occluders with their colours.
+            are filled.
+        camera: camera from which the room is seen.
+        solid: surfaces of the scene.
         top: first row.
-        bottom: row behind the last one.
+        bottom: row after the last one.
     """
     width = out.depth.shape[1]
     rays = out.rays[top:bottom].reshape(-1, 3).astype(np.float64)
@@ -243,12 +262,12 @@ def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, ori
     """Compute, in place, the position on the floor seen by each pixel, and the light of each lamp there.
 
     Args:
-        floor: (H, W, 3) x, y and share of the pixel that is floor; set where that is above 0.
-        lamp: (H, W, L) light, set likewise.
-        share: (H, W) that is floor, 0 to 1.
+        floor: (H, W, 3) x, y and share of the pixel that is floor; filled where that is above 0.
+        lamp: (H, W, L) light of each lamp; filled where the share is above 0.
+        share: (H, W) share of each pixel that is floor, 0 to 1.
         rays: (H, W, 3) directions through the middles of the pixels.
         origin: (3,) position of the camera.
-        lights: (L, 5) lamps.
+        lights: (L, 5) lamps: x, y, z, power, and half-light distance.
     """
     for row in range(share.shape[0]):
         for col in range(share.shape[1]):
@@ -261,14 +280,14 @@ def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, ori
 
 
 def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: Solid) -> Floats:
-    """Return (N, 3) lit BGR colours of the surface points hit by lines of sight; the sky colour for misses.
+    """(N, 3) lit BGR colours of the surface points hit by lines of sight; the sky colour for misses.
 
     Args:
-        origin: (3,) of all lines.
+        origin: (3,) common origin of the lines.
         rays: (N, 3) directions.
         t: (N,) distances in ray lengths, inf without a hit.
-        hit: (N,) numbers of the surfaces, -1 without a hit.
-        solid: the surfaces.
+        hit: (N,) surfaces as numbered by `cast`, -1 without a hit.
+        solid: surfaces of the scene.
     """
     colour = np.tile(SKY, (len(rays), 1))
     normals = np.zeros((len(rays), 3))
@@ -294,12 +313,12 @@ def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: S
 
 
 def _surface(what: int, metres: Floats, solid: Solid) -> tuple[Floats, Floats]:
-    """Return unlit BGR colours (N, 3) of points on one surface, and the surface's normal (3,).
+    """Unlit BGR colours (N, 3) of points on one surface, and the surface's unit normal (3,).
 
     Args:
-        what: number of the surface.
-        metres: (N, 3) points [m].
-        solid: the surfaces.
+        what: surface as numbered by `cast`.
+        metres: (N, 3) points in the world [m].
+        solid: surfaces of the scene.
     """
     x, y, z = metres.T
     k, contrast = what - FACES, solid.contrast

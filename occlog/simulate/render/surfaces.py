@@ -29,7 +29,7 @@ POSTERS = np.array(
 
 @kernel
 def hash_point(i: int, j: int, seed: int) -> float:
-    """Pseudo-random number in [0, 1) that belongs to the integer point (i, j) and a seed."""
+    """Pseudo-random number in [0, 1) for an integer point (i, j) and a seed."""
     h = (i * 0x27D4EB2F + j * 0x165667B1 + seed * 0x1E3779B1) & 0xFFFFFFFF
     h = ((h ^ (h >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     h = ((h ^ (h >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -73,9 +73,9 @@ def grain(x: Floats, y: Floats, seed: int, contrast: float) -> Floats:
 
 
 def floor_colour(x: Floats, y: Floats, contrast: float) -> Floats:
-    """Return (N, 3) BGR colours of the floor at (x, y) [m], each (N,): 60 cm tiles in two shades with dark joints.
+    """(N, 3) BGR colours of the floor at (x, y) [m], each (N,): 60 cm tiles in two shades with dark joints.
 
-    `contrast` is a factor of the differences, 1 as designed.
+    `contrast` is a factor of the texture; 0: plain.
     """
     i, j = np.floor(x / 0.6).astype(np.int64), np.floor(y / 0.6).astype(np.int64)
     u, v = x / 0.6 - i, y / 0.6 - j
@@ -87,14 +87,14 @@ def floor_colour(x: Floats, y: Floats, contrast: float) -> Floats:
 
 
 def wall_colour(along: Floats, z: Floats, number: int, height: float, contrast: float) -> Floats:
-    """Return (N, 3) BGR colours of a painted wall with a darker base, a ledge and pictures.
+    """(N, 3) BGR colours of a painted wall with a darker base, a ledge and pictures.
 
     Args:
-        along: (N,) position along the wall [m].
-        z: (N,) height [m].
-        number: of the wall, by which walls differ.
-        height: of the wall [m].
-        contrast: factor of the differences, 1 as designed.
+        along: (N,) positions along the wall [m].
+        z: (N,) heights [m].
+        number: number of the wall, by which walls differ.
+        height: height of the wall [m].
+        contrast: factor of the texture; 0: plain.
     """
     base = (z < 0.42 * height)[:, None]
     colour = np.where(base, WALL_BASE, WALL_PAINT) * grain(along, z, 101 + number, contrast)
@@ -113,13 +113,13 @@ def wall_colour(along: Floats, z: Floats, number: int, height: float, contrast: 
 
 
 def pillar_colour(along: Floats, z: Floats, number: int, contrast: float) -> Floats:
-    """Return (N, 3) BGR colours of a pillar: bricks of 24 x 8 cm, every second row shifted by half a brick.
+    """(N, 3) BGR colours of a pillar: bricks of 24 x 8 cm, every second row shifted by half a brick.
 
     Args:
-        along: (N,) position along the face [m].
-        z: (N,) height [m].
-        number: of the face, by which faces differ.
-        contrast: factor of the differences, 1 as designed.
+        along: (N,) positions along the face [m].
+        z: (N,) heights [m].
+        number: number of the face, by which faces differ.
+        contrast: factor of the texture; 0: plain.
     """
     row = np.floor(z / 0.08).astype(np.int64)
     shifted = along / 0.24 + 0.5 * (row % 2)
@@ -132,9 +132,9 @@ def pillar_colour(along: Floats, z: Floats, number: int, contrast: float) -> Flo
 
 
 def ceiling_colour(x: Floats, y: Floats, contrast: float) -> Floats:
-    """Return (N, 3) BGR colours of the ceiling at (x, y) [m], each (N,): pale panels of 1.2 m.
+    """(N, 3) BGR colours of the ceiling at (x, y) [m], each (N,): pale panels of 1.2 m.
 
-    `contrast` is a factor of the differences, 1 as designed.
+    `contrast` is a factor of the texture; 0: plain.
     """
     u, v = np.mod(x, 1.2) / 1.2, np.mod(y, 1.2) / 1.2
     joint = np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v)) < 0.01
@@ -149,10 +149,10 @@ LAMP: Floats = np.array([(u, v) for u in (-1.0, -0.33, 0.33, 1.0) for v in (-1.0
 
 
 def lamps(region: Floats, height: float) -> Floats:
-    """(2, 5) lamps of a room with the outline `region` (n, 2) and the ceiling at `height`.
+    """(2, 5) lamps of a room with the outline `region` (n, 2) and the ceiling at `height`, in scene units.
 
-    Columns: x, y, z, power, and the distance at which the light has fallen to half. The first hangs where the room is
-    widest, the second far from the first and from the walls.
+    Columns: x, y, z, power, and the distance at which the light has fallen to half (half-light distance). The first
+    hangs where the room is widest, the second far from the first and from the walls.
     """
     low, high = region.min(axis=0), region.max(axis=0)
     steps = np.linspace(0.08, 0.92, 15)
@@ -228,7 +228,9 @@ def in_shadow(
 
 @kernel
 def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -> bool:
-    """Whether the way to a lamp, seen from above, enters a circle around any prism; a fast test before `in_shadow`.
+    """Whether the way from a point to a lamp, seen from above, enters a circle around any prism.
+
+    A fast test before `in_shadow`.
 
     Args:
         px: x of the point.
@@ -252,17 +254,17 @@ def may_be_shadowed(px: float, py: float, lx: float, ly: float, reach: Floats) -
 def lit_share(
     px: float, py: float, pz: float, lamp: Floats, spread: float, walls: Floats, starts: Ints, heights: Floats
 ) -> float:
-    """Return the visible share, 0 to 1, of a square lamp of half width `spread` as seen from point p.
+    """Visible share, 0 to 1, of a square lamp as seen from a point.
 
     Args:
-        px: point p.
-        py: point p.
-        pz: point p.
-        lamp: (5,) x, y, z, ...
+        px: x of the point.
+        py: y of the point.
+        pz: z of the point.
+        lamp: (5,) x, y, z of the lamp's centre; the rest is not used.
         spread: half width of the lamp.
-        walls: (V, 2) packed outlines of prisms.
-        starts: (P + 1,) first corner of each.
-        heights: (P,) of the prisms.
+        walls: (V, 2) outlines of P prisms on the floor, one after the other.
+        starts: (P + 1,) index of the first corner of each, then V.
+        heights: (P,) heights of the prisms.
     """
     lit = 0
     for corner in range(LAMP.shape[0]):
@@ -286,18 +288,18 @@ def shade_into(
     reach: Floats,
     ambient: float,
 ) -> None:
-    """Write the brightness factors (N,) of surface points to `out`, with soft shadows of P prisms.
+    """Write the brightness (N,) of surface points to `out`, with soft shadows of P prisms.
 
     Args:
         out: (N,) filled.
-        points: (N, 3).
+        points: (N, 3) points.
         normals: (N, 3) unit normals of the surfaces.
-        lights: (L, 5) lamps.
+        lights: (L, 5) lamps: x, y, z, power, and half-light distance.
         spread: half width of the lamps.
-        walls: (V, 2) packed outlines of the prisms.
-        starts: (P + 1,) first corner of each.
-        heights: (P,) of the prisms.
-        reach: (P, 3) circles around the prisms, wide enough for the size of the lamps.
+        walls: (V, 2) outlines of the prisms, one after the other.
+        starts: (P + 1,) index of the first corner of each, then V.
+        heights: (P,) heights of the prisms.
+        reach: (P, 3) circles x, y, radius around the prisms, wide enough for the size of the lamps.
         ambient: brightness without any lamp.
     """
     for i in range(points.shape[0]):
@@ -313,6 +315,6 @@ def shade_into(
 
 
 def grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the (H, W, 3) BGR image in grey levels: three equal channels."""
+    """Convert a BGR image (H, W, 3) to grey levels in three equal channels."""
     luma = image @ np.array([0.114, 0.587, 0.299])
     return np.repeat(np.rint(luma).astype(np.uint8)[..., None], 3, axis=2)

@@ -29,22 +29,22 @@ PAIRS = 32
 
 
 class Sounding:
-    """Active intervals of sources; draws are remembered, so that all arrays hear the same."""
+    """Intervals in which sound sources are active, scripted and random; the same for all arrays."""
 
     def __init__(self, silent: Mapping[int, Ints], means: tuple[float, float] | None, start_ns: int, seed: int) -> None:
-        """State when sources sound.
+        """Set the scripted and the random silence of sources.
 
         Args:
-            silent: by object, (k, 2) scripted silent intervals, from and to [ns].
-            means: mean durations [s] of sound and silence (`SoundConfig`); None: no random silence.
-            start_ns: begin of the simulation [ns].
-            seed: of the random silence.
+            silent: by object number, (k, 2) scripted silent intervals, from and to [ns].
+            means: mean durations of sound and silence [s]; None: no random silence.
+            start_ns: start of the simulation [ns].
+            seed: seed of the random silence.
         """
         self._silent, self._means, self._start, self._seed = dict(silent), means, start_ns, seed
         self._changes: dict[int, SoundChanges] = {}
 
     def at(self, t_ns: Ints, ids: Ints) -> Bools:
-        """Return (T, n) booleans: whether each source of `ids` (n,) sounds at each of the times `t_ns` (T,) [ns]."""
+        """(T, n) mask of the sources `ids` (n,) that sound at each of the rising times `t_ns` (T,) [ns]."""
         out = np.ones((len(t_ns), len(ids)), dtype=np.bool_)
         for column, number in enumerate(ids.tolist()):
             for low, high in self._silent.get(number, ()):
@@ -58,7 +58,7 @@ class Sounding:
 
 
 class SoundChanges:
-    """Random on/off switching times of one source, drawn on demand."""
+    """Random on/off switching times of one source, drawn on demand; durations are exponential, in turn."""
 
     def __init__(self, means: tuple[float, float], start_ns: int, rng: np.random.Generator) -> None:
         sounds = rng.random() * sum(means) < means[0]
@@ -69,7 +69,7 @@ class SoundChanges:
         self._start = start_ns
 
     def sounding(self, t_ns: Ints) -> Bools:
-        """Return (T,) booleans: whether the source sounds at ascending times `t_ns` (T,) [ns]."""
+        """(T,) mask of the rising times `t_ns` (T,) [ns] at which the source sounds."""
         seconds = (t_ns - self._start) * 1e-9
         while self._times[-1] <= seconds[-1]:
             lengths = (self._rng.standard_exponential((PAIRS, 2)) * self._means).ravel()
@@ -79,22 +79,23 @@ class SoundChanges:
 
 
 def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
-    """Sources that an array hears as one, put together.
+    """Merge sources that an array cannot resolve.
 
-    Sources nearer to each other than the resolution are one, and so are all that hang together
-    by such pairs (single linkage).  Their direction is the mean of their unit vectors: they are taken
-    to be of equal power.  "Nearer" is along the arc, or in azimuth where the array is planar or
-    the height of one of the two is not known.  The first of them represents all.
+    Sources nearer to each other than the resolution are one, and so are all that are linked by such pairs (single
+    linkage). Their direction is the mean of their unit vectors: they are taken to be of equal power. "Nearer" is
+    along the arc, or in azimuth where the array is planar or the height of one of the two is unknown. The first of
+    them represents all.
 
     Args:
-        to: (T, n, 3) from the array to each source, z 0 where it is not known.
-        known: (T, n) whether the height is.
-        heard: (T, n) whether it is heard at all.
-        resolution: [rad], > 0.
+        to: (T, n, 3) vectors from the array to n sources at T times, z 0 where unknown.
+        known: (T, n) mask of sources with a known height.
+        heard: (T, n) mask of sources that are heard at all.
+        resolution: angle [rad], > 0.
         planar: whether the array measures azimuths only.
 
     Returns:
-        to, known and heard after that; where several became one, `to` is a unit vector.
+        (T, n, 3) vectors, a unit vector where several sources are merged; (T, n) whether all heights of merged
+        sources are known; (T, n) mask of the sources that are heard and represent their group.
     """
     size = max(1, BLOCK // to.shape[1] ** 2)
     blocks = [slice(k, k + size) for k in range(0, len(to), size)]
@@ -106,19 +107,18 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
 
 
 def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
-    """Merge unresolved sources for one block of T times; see `merge_near`.
+    """Merge sources that an array cannot resolve, at T times in one block: those linked by pairs that are too near.
 
     Args:
-        to: (T, n, 3) directions of n sources from the array.
-        known: (T, n) sources with a known height.
-        heard: (T, n) sources that are heard.
-        resolution: angle below which two sources are merged [rad].
-        planar: the array measures azimuths only.
+        to: (T, n, 3) vectors from the array to n sources.
+        known: (T, n) mask of sources with a known height.
+        heard: (T, n) mask of sources that are heard.
+        resolution: angle below which two sources are merged [rad]; in azimuth unless both heights are known.
+        planar: whether the array measures azimuths only.
 
     Returns:
-        (T, n, 3) directions, those of merged sources are their mean; (T, n) whether all heights of the merged sources
-        are
-        known; (T, n) the first of each group, which stands for it.
+        (T, n, 3) vectors, the mean direction for merged sources; (T, n) whether all heights of the merged sources are
+        known; (T, n) mask of the first of each group, which represents it.
     """
     flat = planar | ~(known[:, :, None] & known[:, None, :])
     ground = _unit(np.concatenate([to[..., :2], np.zeros_like(to[..., :1])], axis=-1))
@@ -155,7 +155,10 @@ PLAIN = SoundConfig()
 
 
 class SimulatedArray(NamedTuple):
-    """A microphone array with its own random generator."""
+    """A microphone array with its own random generators.
+
+    `noise` is that of the directions, `chance` of misses, `false_numbers` and `false_positions` of false directions.
+    """
 
     array: MicrophoneArray
     noise: np.random.Generator  # of the directions
@@ -172,27 +175,26 @@ def observe_arrays(
     sound: SoundConfig = PLAIN,
     silent: Mapping[int, Ints] | None = None,
 ) -> Iterator[Doa]:
-    """Simulate the directions from every microphone array to every target that it hears.
+    """Simulate the directions of arrival from every target that each microphone array hears.
 
-    Sounding targets are of equal strength; sound needs no time and goes past occluders and walls;
-    the moving occluders are silent.  Azimuth and polar angle about the array's own axes carry
-    independent Gaussian noise and are turned into angles of the world.  A planar array measures no
-    elevation, nor does any of a target of unknown height (z NaN).  Targets nearer to each
-    other than the array's resolution are heard as one; see `merge_near`: its noise, and whether it
-    is missed, are those of the first of them.  A target that is out of range (in space), silent
-    or missed has no row.  Of `config` only `miss` counts.
+    Sounding targets are of equal strength; sound needs no time and goes past occluders and walls; the moving
+    occluders are silent. Azimuth and elevation about the array's own axes carry independent Gaussian noise and are
+    converted to angles in the world. A planar array measures no elevation, nor does any of a target of unknown
+    height (z NaN). Targets nearer to each other than the array's resolution are heard as one (`merge_near`): its
+    noise, and whether it is missed, are those of the first of them. A target that is out of range (in space),
+    silent or missed has no row.
 
     Args:
-        scene: the arrays.
-        truth_chunks: true paths, in time order, as tables or grids.
-        config: the probability of a miss.
-        seed: of all random numbers; each array has its own.
+        scene: scene with the arrays.
+        truth_chunks: true paths, in the order of time, as tables or grids.
+        config: its probability of a miss is used.
+        seed: seed of all random numbers; each array has its own.
         sound: random silence, false directions, labels.
-        silent: scripted silence of targets: (k, 2) times from and to [ns].
+        silent: scripted silence of targets: (k, 2) times from and to [ns]; None: none.
 
     Returns:
-        One table for every chunk; InputError names a tilted array that is planar or hears a target
-        of unknown height, as its angles are then none of the world.
+        Generator of one table per chunk; InputError for a tilted array that is planar or hears a target of unknown
+        height, since its angles do not determine those of the world.
     """
     listening = [_simulated_array(a, i, seed) for i, a in enumerate(scene.arrays)]
     sounding: Sounding | None = None
@@ -209,7 +211,7 @@ def observe_arrays(
 
 
 def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> SimulatedArray:
-    """Return the array with its own random generators; InputError for a tilted planar array.
+    """Microphone array with its own random generators; InputError if it is planar and tilted.
 
     `number` is its index in the scene.
     """
@@ -229,7 +231,7 @@ def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> Simulate
 
 
 def _vertical(array: MicrophoneArray) -> bool:
-    """Return whether the array's z axis is vertical, so that its angular noise equals noise in world angles."""
+    """Whether the array's z axis is vertical, so that noise in its own angles equals noise in world angles."""
     return abs(abs(float(array.rotation[2, 2])) - 1.0) < 1e-12
 
 
@@ -242,16 +244,16 @@ def _report(
     miss: float,
     sound: SoundConfig,
 ) -> Doa:
-    """Simulate the rows of one array for a block of times.
+    """Simulate the rows of one array for a block of T times.
 
     Args:
-        sensor: the array.
+        sensor: array with its random generators.
         frames: T times with the positions of all objects.
-        columns: (n,) which of the objects are targets.
+        columns: (n,) indices of the targets among the objects.
         ids: numbers of all objects.
-        sounds: (T, n) whether each target sounds.
+        sounds: (T, n) mask of targets that make a sound.
         miss: probability that a direction is not reported.
-        sound: false directions, labels.
+        sound: settings of false directions, and whether rows have the number of their target.
     """
     array = sensor.array
     shape = (len(frames.t_ns), len(columns))
@@ -294,13 +296,13 @@ def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
 
 
 def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return world azimuths and elevations (m,) [rad] of directions, with noise on the array's two angles.
+    """World azimuths and elevations (m,) [rad] of directions, with noise on the array's own two angles.
 
     Directions that the noise moves beyond a pole continue on its other side.
 
     Args:
-        array: with its standard deviations.
-        to: (m, 3) directions in the world.
+        array: array with its standard deviations.
+        to: (m, 3) vectors to the sources in the world, of any length.
         noise: (m, 2) standard normal numbers.
     """
     sigma_elevation = array.sigma if array.sigma_elevation is None else array.sigma_elevation
@@ -319,17 +321,16 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
 
 
 def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
-    """Draw false directions of an array: their number is Poisson distributed, they are uniform over all directions.
+    """Draw false directions of an array: Poisson distributed in number, uniform over all directions.
 
     Args:
         sensor: array with its random generators.
         t_ns: (m,) times of the measurements [ns].
-        sound: has the rate of false directions.
+        sound: gives the rate of false directions.
 
     Returns:
         (n,) columns: times [ns], labels `UNLABELLED`, azimuths and elevations [rad]; elevations are NaN for a planar
-        array,
-        and where heights are not known.
+        array, and where heights are unknown.
     """
     period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
     numbers = sensor.false_numbers.poisson(sound.false_alarm_rate * period_s, len(t_ns))
@@ -349,11 +350,11 @@ def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, ele
     """Create the table of an array's measurements, sorted by time and azimuth.
 
     Args:
-        array: has name and standard deviations.
+        array: array with name and standard deviations.
         t_ns: (n,) times [ns].
         source: (n,) labels of the sources, `UNLABELLED` for none.
-        azimuth: (n,) in the world [rad].
-        elevation: (n,) in the world [rad]; NaN: not measured.
+        azimuth: (n,) azimuths in the world [rad].
+        elevation: (n,) elevations in the world [rad]; NaN: not measured.
     """
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)

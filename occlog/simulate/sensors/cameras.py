@@ -24,20 +24,29 @@ from occlog.simulate.world.scripted_paths import truth_grid
 
 
 class SimulatedCamera(NamedTuple):
-    """A camera with the quantities constant over all its frames."""
+    """A camera with its walls, true pose and random generators, constant over all its frames.
+
+    Attributes:
+        camera: camera as stated in the scene.
+        walls: polygons (K, 2) that no line of sight crosses.
+        true_ground, true_yaw: true ground position (2,) and yaw [rad]; they differ from the stated ones if calibration
+            errors are simulated.
+        noise: random numbers of the readings.
+        chance: random numbers of misses and false alarms.
+    """
 
     camera: Camera
-    walls: tuple[Floats, ...]  # (K, 2) polygons that no line of sight crosses
-    true_ground: Floats  # (2,) where the camera really is
-    true_yaw: float  # [rad]
-    noise: np.random.Generator  # of the readings
-    chance: np.random.Generator  # of misses and false alarms
+    walls: tuple[Floats, ...]
+    true_ground: Floats
+    true_yaw: float
+    noise: np.random.Generator
+    chance: np.random.Generator
 
 
 def observe(
     scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: ObserveConfig, seed: int
 ) -> Iterator[Bearings]:
-    """Simulate what every camera with a pose reports of every target ([Ercan] Sec. 3, Eqs. 1-2).
+    """Simulate the bearings of all targets by every camera with a pose ([Ercan] Sec. 3, Eqs. 1-2).
 
     Each camera delivers frames at its own rate from the first time of the truth on, or at
     every time of the truth if it has none.  Times are world times (a camera's clock is
@@ -47,12 +56,12 @@ def observe(
 
     Args:
         scene: cameras, static occluders, room.
-        truth_chunks: true paths of targets and occluders, in time order, as tables or grids.
-        config: noise and losses.
-        seed: of all random numbers; each camera has its own.
+        truth_chunks: true paths of targets and occluders, in the order of time, as tables or grids.
+        config: noise, misses and false alarms.
+        seed: seed of all random numbers; each camera has its own.
 
     Returns:
-        One table for every chunk, with a row for each frame and target, `seen` or not.
+        Generator of one table per chunk, with a row for each frame and target, detected (`seen`) or not.
     """
     sensors = [_simulated_camera(scene, c, i, config, seed) for i, c in enumerate(scene.cameras) if c.placed]
     rates = [s.camera.rate_hz for s in sensors]
@@ -62,14 +71,14 @@ def observe(
 
 
 def _simulated_camera(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> SimulatedCamera:
-    """Create a camera with random generators of its own, at its true pose if calibration errors are simulated.
+    """Create a camera with its own random generators, at its true pose if calibration errors are simulated.
 
     Args:
-        scene: has the walls.
-        camera: as in the scene, with the standard deviations of its pose.
+        scene: scene with the walls.
+        camera: camera as in the scene, with the standard deviations of its pose.
         number: its index in the scene.
-        config: whether calibration errors are simulated.
-        seed: of the random numbers.
+        config: states whether calibration errors are simulated.
+        seed: seed of the random numbers.
     """
     ground, yaw = camera.ground, camera.yaw
     if config.pose_noise == "calibration":
@@ -87,14 +96,14 @@ def _simulated_camera(scene: Scene, camera: Camera, number: int, config: Observe
 
 
 def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
-    """Return (T,) booleans: whether the camera sees object k; False where the object is absent.
+    """(T,) mask of times at which the camera sees object k; False where the object is absent.
 
     Args:
-        camera: at its stated pose.
+        camera: camera at its stated pose.
         walls: polygons (K, 2) that occlude.
         xyz: (T, n, 3) positions of all objects, NaN if absent.
         k: index of the object.
-        diameter: of other objects, which occlude; 0: they do not.
+        diameter: diameter of other objects, which occlude; 0: they do not.
     """
     xy = xyz[:, k, :2]
     # In front of the camera, in its field of view and range
@@ -112,10 +121,10 @@ def _report(sensor: SimulatedCamera, sensor_frames: SensorFrames, grid: TimeGrid
     """Simulate one camera's rows for all targets; random numbers are drawn for every frame and target, used or not.
 
     Args:
-        sensor: the camera.
+        sensor: camera with its random generators.
         sensor_frames: its frames, with positions of all objects.
-        grid: names the objects and targets.
-        config: of the simulation.
+        grid: states which objects are targets, and their numbers.
+        config: settings of the measurements.
     """
     frames, targets = len(sensor_frames.t_ns), np.flatnonzero(grid.target)
     noise = sensor.noise.standard_normal((frames, len(targets)))
@@ -141,13 +150,13 @@ def _report_target(
     """Simulate one camera's rows for object k, which is target number `target`.
 
     Args:
-        sensor: the camera.
+        sensor: camera with its true pose.
         frames: T times with the positions of all objects.
-        k: column of the object among those positions.
-        target: its number.
+        k: index of the object among those positions.
+        target: number of the target.
         noise: (T,) standard normal numbers.
         chance: (T, 3) uniform numbers in [0, 1): of a miss, of a false alarm, and its position in the image.
-        config: noise and losses.
+        config: noise, misses and false alarms.
     """
     camera = sensor.camera
     xy, f = frames.xyz[:, k, :2], float(camera.focal_px[0])
@@ -173,7 +182,7 @@ def _report_target(
 
 
 def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
-    """Return the variance [px^2] of readings of targets at lateral offsets h and depths d ([Ercan] Eq. 2)."""
+    """(n,) variances [px^2] of readings of targets at lateral offsets h and depths d, each (n,) ([Ercan] Eq. 2)."""
     f = float(camera.focal_px[0])
     return noise_variance(
         h, d, f, sigma_position=camera.sigma_position, sigma_yaw=camera.sigma_yaw, sigma_read_px=camera.sigma_read_px
@@ -181,18 +190,18 @@ def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
 
 
 def _rows(camera: Camera, t_ns: Ints, target: int, seen: Bools, z: Floats, distance: Floats) -> Bearings:
-    """Rows of a target with the readings z at given distances.
+    """Rows of bearings of one target from readings in the image.
 
     In angles [Ercan] Eq. 2 is sigma_yaw^2 + sigma_position^2 / distance^2
     + sigma_read^2 / (f (1 + z^2 / f^2))^2, by d(bearing) = dz / (f (1 + z^2 / f^2)).
 
     Args:
-        camera: that measures.
+        camera: camera that measures.
         t_ns: (T,) times [ns].
-        target: identity.
-        seen: (T,) detections; other rows are without a measurement.
-        z: (T,) readings [px], positive to the left.
-        distance: (T,) from the camera.
+        target: number of the target.
+        seen: (T,) mask of detections; other rows are without a measurement.
+        z: (T,) readings: horizontal offset from the image centre [px], positive to the left.
+        distance: (T,) true distances from the camera.
     """
     f = float(camera.focal_px[0])
     z, distance = np.where(seen, z, np.nan), np.where(seen, distance, np.nan)

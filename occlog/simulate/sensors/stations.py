@@ -25,7 +25,11 @@ from occlog.simulate.world.scripted_paths import truth_grid
 
 @dataclass
 class SimulatedReader:
-    """A tag reader with its own random generator and the shadowing [dB] of each tag at its last read."""
+    """A tag reader with its own random generators, and the shadowing of each tag at its last read.
+
+    `noise` is the generator of strengths, `chance` of which tags are read, `shadow` of the shadowing; `levels` [dB]
+    by tag at the time `last_ns` [ns].
+    """
 
     reader: TagReader
     noise: np.random.Generator  # of the strengths
@@ -35,14 +39,14 @@ class SimulatedReader:
     last_ns: int = 0
 
     def shadowing(self, t_ns: Ints, ids: Ints, config: ReadConfig) -> Floats:
-        """Draw the (T, n) shadowing [dB] of n tags at T times, and keep the last for the next chunk.
+        """Draw the shadowing (T, n) [dB] of n tags at T times, and keep the last for the next chunk.
 
-        Stationary Ornstein-Uhlenbeck processes; a tag that is new begins with the stationary distribution.
+        Stationary Ornstein-Uhlenbeck processes; a new tag begins with the stationary distribution.
 
         Args:
             t_ns: (T,) rising times [ns].
             ids: (n,) numbers of the tags.
-            config: standard deviation and time constant.
+            config: standard deviation and correlation time.
         """
         normals = self.shadow.standard_normal((len(t_ns), len(ids)))
         level = np.array([self.levels.get(i, np.nan) for i in ids.tolist()])
@@ -60,24 +64,22 @@ class SimulatedReader:
 def observe_readers(
     scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: ReadConfig, seed: int
 ) -> Iterator[Reads]:
-    """Simulate what the readers of a scene read of the targets, each of which carries a tag of its number.
+    """Simulate the reads of the targets' tags by the readers of a scene; a tag has the number of its target.
 
-    A reader reads at its own rate, or at every step.  It reads a tag within its `range` on the floor with the
-    probability `read_detection_probability` and others with `read_false_alarm_probability`; where the scene states no
-    range, any tag with `read_detection_probability`.
-    Signals below `min_rssi_dbm` are not read.  The strength is that of the distance in space; a target with a height
-    that is
-    not known is taken to carry its tag on the floor.  Walls and people do not weaken it but by the shadowing, which
-    is of each reader and tag.
+    A reader reads at its own rate, or at every step. It reads a tag within its `range` on the floor with the
+    probability `read_detection_probability` and others with `read_false_alarm_probability`; where the scene states
+    no range, any tag with `read_detection_probability`. Signals below `min_rssi_dbm` are not read. The strength
+    follows from the distance in space; a target of unknown height carries its tag on the floor. Walls and people
+    have no effect but the shadowing, which is independent for each reader and tag.
 
     Args:
-        scene: the readers.
-        truth_chunks: true paths, in time order, as tables or grids.
+        scene: scene with the readers.
+        truth_chunks: true paths, in the order of time, as tables or grids.
         config: path loss and probabilities.
-        seed: of all random numbers; each reader has its own.
+        seed: seed of all random numbers; each reader has its own.
 
     Returns:
-        One table for every chunk.
+        Generator of one table per chunk.
     """
     reading = [
         SimulatedReader(
@@ -102,14 +104,14 @@ def observe_readers(
 def _read(
     own: SimulatedReader, frames: SensorFrames, xyz: Floats, ids: Ints, metre: float, config: ReadConfig
 ) -> Reads:
-    """Simulate one reader's rows for a block of times.
+    """Simulate one reader's rows for a block of T times.
 
     Args:
-        own: the reader.
+        own: reader with its random generators.
         frames: its T times.
-        xyz: (T, n, 3) positions of the targets at these times; NaN: not there.
+        xyz: (T, n, 3) positions of the targets at these times; NaN: absent.
         ids: (n,) their numbers.
-        metre: in units of length.
+        metre: length of a metre in scene units.
         config: path loss and probabilities.
     """
     reader, shape = own.reader, xyz.shape[:2]
@@ -143,7 +145,11 @@ def _read(
 
 
 class Station(NamedTuple):
-    """A sensor of known position that measures ranges, range differences or signal strengths."""
+    """A sensor at a known position (3,) that measures ranges, range differences or signal strengths, with generators.
+
+    `noise` is that of the measurements, `chance` of misses, outliers and non-line-of-sight signals; `signal` has
+    the shadowing of each target.
+    """
 
     name: str
     position: Floats  # (3,)
@@ -153,9 +159,9 @@ class Station(NamedTuple):
 
 
 def stations_of(scene: Scene, seed: int) -> list[Station]:
-    """Return the stations, i.e. cameras and arrays with a known position, in scene order.
+    """Stations of a scene: cameras with a pose, then arrays, in scene order, with their random generators.
 
-    Tag readers are simulated apart.
+    Tag readers are simulated by `observe_readers`.
     """
     named = [(c.name, c.position) for c in scene.cameras if c.placed] + [(a.name, a.position) for a in scene.arrays]
     return [
@@ -178,20 +184,21 @@ def stations_of(scene: Scene, seed: int) -> list[Station]:
 def observe_stations(
     scene: Scene, truth_chunks: Iterable[Truth | TimeGrid], config: MeasureConfig, radio: ReadConfig, seed: int
 ) -> Iterator[Measurements]:
-    """Simulate what the stations of a scene measure of the targets; `MeasureConfig` states how.
+    """Simulate ranges, range differences and signal strengths between the stations of a scene and the targets.
 
-    Distances are in space; a target with unknown height is on the floor.  A difference is of each station but the
-    first to the first.  Walls and people hide nothing: what they do is `nlos_probability`, the detours of signals.
+    Distances are in space; a target of unknown height is on the floor. A difference is that of each station but the
+    first to the first. Walls and people have no effect; non-line-of-sight signals have the probability
+    `nlos_probability`.
 
     Args:
         scene: cameras and arrays are the stations.
-        truth_chunks: true paths, in time order, as tables or grids.
+        truth_chunks: true paths, in the order of time, as tables or grids.
         config: measured quantities and their noise.
         radio: path loss and shadowing of strengths.
-        seed: of all random numbers; each station has its own.
+        seed: seed of all random numbers; each station has its own.
 
     Returns:
-        One table for every chunk.
+        Generator of one table per chunk.
     """
     stations = stations_of(scene, seed)
     metre = 1.0 / METRES.get(scene.length_unit, 1.0)
@@ -220,16 +227,16 @@ def _measured(
     config: MeasureConfig,
     radio: ReadConfig,
 ) -> Measurements:
-    """Simulate one station's rows for a block of times.
+    """Simulate one station's rows for a block of T times.
 
     Args:
-        own: the station.
+        own: station with its random generators.
         reference: name of the first station, and its position (3,); None: no difference to it is measured.
-        frames: its T times.
-        xyz: (T, n, 3) positions of the targets at these times; NaN: not there.
+        frames: T times.
+        xyz: (T, n, 3) positions of the targets at these times; NaN: absent.
         ids: (n,) their numbers.
-        reach: largest distance in the scene, up to which false ranges are drawn.
-        metre: in units of length.
+        reach: largest distance in the scene, up to which outliers of ranges are drawn.
+        metre: length of a metre in scene units.
         config: measured quantities and their noise.
         radio: path loss and shadowing.
     """
@@ -285,7 +292,7 @@ def _measured(
 
 
 def _distance(xyz: Floats, position: Floats) -> Floats:
-    """Return (T, n) 3-D distances of positions `xyz` (T, n, 3) from a station at `position` (3,).
+    """(T, n) distances in space of positions `xyz` (T, n, 3) from a station at `position` (3,).
 
     Targets without a height (NaN) are on the floor.
     """

@@ -61,13 +61,13 @@ TRIES, DRAWN = 200, 500
 
 
 def people_room(views: int, size: tuple[int, int], rate_hz: float) -> Scene:
-    """The empty room with cameras `view1`, `view2`, ...
+    """The empty room with cameras `view1`, `view2`, ..., in metres.
 
     Args:
-        views: how many, 1 to 6.
+        views: number of cameras, 1 to 6.
         size: width and height of the images [px]; the cameras see the same for any of the shape 4 : 3,
             and more to the sides, or above and below, for others.
-        rate_hz: frames a second.
+        rate_hz: frame rate of the cameras.
     """
     return Scene(
         cameras=tuple(_camera(k, size, rate_hz) for k in range(views)),
@@ -96,15 +96,14 @@ def _camera(number: int, size: tuple[int, int], rate_hz: float) -> Camera:
 
 
 def people_apart(scene: Scene, people: int, seed: int) -> Floats:
-    """(n, 2) positions in the middle of the room without occlusions between people in any camera.
+    """Find positions (n, 2) in the middle of the room without occlusions between people in any camera.
+
+    InputError if none are found.
 
     Args:
-        scene: the room.
-        people: n.
-        seed: of the search.
-
-    Returns:
-        The positions; InputError where none are found.
+        scene: room of `people_room`.
+        people: number n of people.
+        seed: seed of the search.
     """
     rng = generator(seed, RandomStream.WORLD_START)
     for _ in range(TRIES):
@@ -123,46 +122,62 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
 
 
 def _image_boxes(camera: Camera, positions: Floats) -> Floats:
-    """Return (n, 4) image boxes left, top, right, bottom [px] of people at positions (n, 2)."""
+    """(n, 4) image boxes left, top, right, bottom [px] of people standing at ground positions (n, 2)."""
     corners = np.column_stack([positions, np.zeros(len(positions))])[:, None] + BODY
     pixels = camera.project(corners.reshape(-1, 3)).reshape(len(positions), len(BODY), 2)
     return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
 
 
 def _clear(box: Floats, others: Floats) -> Bools:
-    """Return (m,) booleans: whether a person's boxes overlap none of another person's boxes in any view.
+    """(m,) mask of other persons whose boxes overlap none of a person's boxes, in any of V views.
 
     Args:
-        box: (V, 4) left, top, right, bottom in each of V views.
-        others: (m, V, 4) those of m other persons.
+        box: (V, 4) left, top, right, bottom of the person in each view.
+        others: (m, V, 4) left, top, right, bottom of m other persons.
     """
     disjoint = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
     return np.asarray(disjoint.any(axis=-1).all(axis=-1))
 
 
 class Avoidance(NamedTuple):
-    """Parameters by which objects avoid obstacles in potential fields."""
+    """Parameters by which objects avoid obstacles in potential fields ([Lee] Sec. 5.2.2).
+
+    Attributes:
+        field: rules of the forces.
+        steps: rules of the steps.
+        occluders: packed polygons of the static occluders that repel.
+        patience: steps without getting nearer to a destination, after which another one is taken.
+        people: recorded walkers; None: none.
+    """
 
     field: Field
     steps: StepRules
-    occluders: tuple[Floats, Ints]  # packed polygons that repel
-    patience: int  # steps without getting nearer to a destination, after which another one is taken
-    people: MovingObstacleTracks | None  # recorded walkers; None: none
+    occluders: tuple[Floats, Ints]
+    patience: int
+    people: MovingObstacleTracks | None
 
 
 class AvoidingState(NamedTuple):
-    """Positions of n objects, their destinations, and the forces on them."""
+    """State of n objects that walk by potential fields.
 
-    xy: Floats  # (n, 2)
-    destination: Floats  # (n, 2)
-    total: Floats  # (n, 2) total force of the step before; NaN: none yet
-    nearest: Floats  # (n,) least distance from the destination so far
-    waited: Ints  # (n,) steps since it was less
-    step: int  # steps done
+    Attributes:
+        xy, destination: (n, 2) positions and destinations.
+        total: (n, 2) total force of the last step; NaN before the first.
+        nearest: (n,) least distance from the destination so far.
+        waited: (n,) number of steps since then.
+        step: number of steps done.
+    """
+
+    xy: Floats
+    destination: Floats
+    total: Floats
+    nearest: Floats
+    waited: Ints
+    step: int
 
 
 def starting(world: WaypointState) -> AvoidingState:
-    """Return the initial state of objects at rest."""
+    """Initial state of walking by potential fields, with the positions and destinations of `world`."""
     n = len(world.xy)
     return AvoidingState(
         xy=world.xy.copy(),
@@ -180,14 +195,14 @@ def walk_avoiding(
     """Move n objects by C steps, as many as there are draws; they avoid obstacles by potential fields.
 
     Args:
-        world: state before the first step.
+        world: state before the first step, not changed.
         ground: room and walls.
         motion: speed, noise and diameter.
         rules: field, obstacles and patience.
         draws: random numbers (C, n, ...).
 
     Returns:
-        The world after the last step, and the path (C, n, 2) with the positions after each step.
+        State after the last step, and positions after each step (C, n, 2).
     """
     path = np.empty(draws.noise.shape)
     low = ground.room.min(axis=0)
@@ -228,14 +243,14 @@ def _free(candidates: Floats, ground: Ground) -> Floats | None:
 def _around(
     xy: Floats, ground: Ground, motion: WaypointMotion, rules: Avoidance, obstacles: MovingObstacles | None
 ) -> NearbyObstacles:
-    """Obstacles near each object: static occluders, walls, the other objects, and people.
+    """Obstacles near each object: static occluders, walls, the other objects, and recorded people.
 
     Args:
-        xy: (n, 2) positions.
-        ground: has the room.
+        xy: (n, 2) positions of the objects.
+        ground: room.
         motion: diameter and step of the objects.
-        rules: has the static occluders.
-        obstacles: the people of this time step; None: there are none.
+        rules: static occluders.
+        obstacles: recorded people at this time step; None: none.
     """
     n, radius = len(xy), 0.5 * motion.diameter
     others = np.array([[j for j in range(n) if j != i] for i in range(n)], dtype=np.int64).reshape(n, max(n - 1, 0))
@@ -257,17 +272,17 @@ def _around(
 def _moved(
     xy: Floats, step: Floats, *, first: int, ground: Ground, diameter: float, obstacles: MovingObstacles | None
 ) -> Floats:
-    """Return (n, 2) positions after steps (n, 2).
+    """(n, 2) positions after the objects have moved in turn, and only to free positions.
 
-    Objects move in turn, starting with `first`, and only to free positions.
+    A step that is not free is turned, or the object stays.
 
     Args:
         xy: (n, 2) positions before.
-        step: (n, 2) wanted steps.
-        first: number of the step, modulo n that of the object.
+        step: (n, 2) desired steps.
+        first: number of the time step; object `first` modulo n moves first.
         ground: room and walls.
-        diameter: centres keep this distance from each other and from people.
-        obstacles: people of this step, if any.
+        diameter: minimum distance of centres from each other and from people.
+        obstacles: recorded people at this step; None: none.
     """
     n, out = len(xy), xy.copy()
     people = np.empty((0, 2)) if obstacles is None else np.concatenate([obstacles.xy, obstacles.after])

@@ -29,7 +29,7 @@ CHUNK_STEPS = 256
 
 
 def step_times(first: int, count: int, step_s: float) -> Ints:
-    """Return (count,) times of the steps from number `first` on, in ns after step 0; `step_s` is that of a step [s]."""
+    """(count,) times [ns] after step 0 of the steps from number `first` on; a step takes `step_s` [s]."""
     times: Ints = np.rint(np.arange(first, first + count) * (step_s * 1e9)).astype(np.int64)
     return times
 
@@ -37,19 +37,18 @@ def step_times(first: int, count: int, step_s: float) -> Ints:
 def simulate_paths(
     script: MotionScript, steps: int, step_s: float, z: float, start_ns: int, seed: int
 ) -> Iterator[TimeGrid]:
-    """True positions of all scripted objects, chunk after chunk; NaN where one is not there.
+    """Generate the true positions of all scripted objects, chunk by chunk; NaN where one is absent.
 
     Args:
-        script: the objects.
-        steps: times simulated.
-        step_s: between them [s].
-        z: height of objects with unknown own; NaN: it stays so.
-        start_ns: time of the first step.
-        seed: of the noise; each object has its own random numbers.
+        script: scripted objects.
+        steps: number of steps.
+        step_s: duration of a step [s].
+        z: height of objects that state none; NaN: unknown.
+        start_ns: time of the first step [ns].
+        seed: seed of the noise; each object has its own random numbers.
 
     Returns:
-        Grids of up to CHUNK_STEPS times, all objects in each, which
-        the simulated sensors take instead of tables of truth; `grid_truth` makes those.
+        Generator of grids of up to CHUNK_STEPS times with all objects; `grid_truth` converts them to tables of truth.
     """
     ids = np.array([t.id for t in script.targets], dtype=np.int64)
     target = np.array([t.role == "target" for t in script.targets])
@@ -61,7 +60,7 @@ def simulate_paths(
 
 
 def grid_truth(grid: TimeGrid) -> Truth:
-    """The table of the positions on a grid; an object that is not there has no row."""
+    """Convert positions on a grid of times to a table of truth; absent objects have no row."""
     step, column = np.nonzero(~np.isnan(grid.xyz[..., 0]))
     positions = grid.xyz[step, column]
     return Truth.of(
@@ -75,7 +74,7 @@ def grid_truth(grid: TimeGrid) -> Truth:
 
 
 def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
-    """Return for each object with scripted silence the (k, 2) silent intervals, from and to [ns]."""
+    """Silent intervals by number of each object that has some: (k, 2) times from and to [ns]."""
     return {
         t.id: start_ns + np.array([[to_ns(a), to_ns(b)] for a, b in t.silent], dtype=np.int64)
         for t in script.targets
@@ -84,11 +83,11 @@ def silences(script: MotionScript, start_ns: int) -> dict[int, Ints]:
 
 
 def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
-    """Check that people on scripted paths can be drawn; InputError for one outside the room or in a static occluder.
+    """Check that people on scripted paths can be rendered; InputError for one outside the room or in a static occluder.
 
     Args:
         scene: room and static occluders.
-        grid: positions at all times.
+        grid: positions at some times.
         start_ns: start of the simulation [ns], for the message.
     """
     for column, number in enumerate(grid.ids.tolist()):
@@ -107,7 +106,7 @@ def check_inside(scene: Scene, grid: TimeGrid, start_ns: int) -> None:
 
 
 def moved(state: Floats, segment: Segment, dt: float) -> Floats:
-    """Return position and velocity (6,) dt seconds after `state` (6,) in one path segment, without noise."""
+    """Position and velocity (6,) `dt` seconds after `state` (6,) in one path segment, without noise."""
     out = state.copy()
     out[:3] += dt * state[3:]
     if any(segment.acceleration):
@@ -124,14 +123,14 @@ def moved(state: Floats, segment: Segment, dt: float) -> Floats:
 
 
 def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np.random.Generator) -> Iterator[Floats]:
-    """Generate the (3,) position of one scripted target at each step; NaN while it is absent.
+    """Generate the position (3,) of one scripted target at each step; NaN while it is absent.
 
     Args:
-        target: the script.
+        target: script of the target.
         steps: number of steps.
         step_s: duration of a step [s].
         z: height of a target that states none.
-        rng: of the process noise.
+        rng: generator of the process noise.
     """
     x, y, own_z = target.position
     state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
@@ -153,7 +152,7 @@ def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np
 
 
 def _pieces(target: ScriptedTarget) -> list[tuple[int, Segment]]:
-    """Return segments with start times [ns], with constant velocity before, between and after them."""
+    """Start times [ns] and segments of a path, with constant velocity before, between and after the scripted ones."""
     begin = to_ns(target.from_s)
     pieces = [(begin, Segment(target.from_s))]
     for segment in target.segments:
@@ -171,14 +170,14 @@ def _entered(state: Floats, segment: Segment) -> Floats:
 
 
 def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int], now: int, t: int) -> Floats:
-    """Return the state (6,) at time t [ns], propagated from time `now` [ns] through all segments in between.
+    """State (6,) at the time `t` [ns], propagated from the time `now` [ns] through all segments in between.
 
     Args:
         state: (6,) position and velocity at `now`.
-        pieces: begin [ns] and segment, in order.
-        starts: the begins alone.
-        now: time of the state.
-        t: the later time.
+        pieces: start [ns] and segment, in order.
+        starts: the start times alone.
+        now: time of the state [ns].
+        t: later time [ns].
     """
     piece = bisect_right(starts, now) - 1
     while piece + 1 < len(pieces) and starts[piece + 1] <= t:
@@ -193,7 +192,10 @@ def _noise(density: float, dt: float, rng: np.random.Generator) -> Floats:
 
 
 def truth_grid(truth: Truth | TimeGrid) -> TimeGrid:
-    """The (C, n, 3) positions x, y, z in a table of truth; NaN where an object has no row.  A grid stays as it is."""
+    """Positions x, y, z of a table of truth as a grid of times and objects; NaN where an object has no row.
+
+    A grid is returned unchanged.
+    """
     if isinstance(truth, TimeGrid):
         return truth
     positions = np.column_stack([truth.x, truth.y, truth.z])

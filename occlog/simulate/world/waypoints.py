@@ -26,16 +26,26 @@ from occlog.core.plane import distance_to_boundary, point_inside, segment_blocke
 
 
 class Ground(NamedTuple):
-    """Free ground on which objects move: the room without walls and occluders."""
+    """Free ground on which objects move: the room without walls and occluders.
 
-    room: Floats  # (K, 2)
-    walls: Floats  # (S, 2) packed polygons: static occluders and pockets of the room
-    starts: Ints  # (P + 1,)
-    clearance: float  # least distance from a centre to walls and room
+    Attributes:
+        room: (K, 2) outline of the room.
+        walls: (S, 2) corners of P polygons, one after the other: static occluders and pockets of the room.
+        starts: (P + 1,) index of the first corner of each polygon, then S.
+        clearance: minimum distance of a centre from walls and room.
+    """
+
+    room: Floats
+    walls: Floats
+    starts: Ints
+    clearance: float
 
 
 class WaypointMotion(NamedTuple):
-    """Motion parameters of simulated objects, per step."""
+    """Motion of simulated objects per step: length without noise, noise per axis, and probability of a new destination.
+
+    `sigma` is the standard deviation of the noise; `diameter` is the minimum distance of centres.
+    """
 
     step: float  # speed: length of a step without noise
     sigma: float  # standard deviation of the noise of a step, per axis
@@ -50,7 +60,7 @@ TURNS = 12
 
 @kernel
 def place_free(x: float, y: float, ground: Ground) -> bool:
-    """True if a centre at (x, y) is in the room, in no wall, and at least the clearance from all of them."""
+    """Whether a centre at (x, y) is in the room, in no wall, and at least the clearance from all of them."""
     room, walls, starts, clearance = ground.room, ground.walls, ground.starts, ground.clearance
     if not point_inside(x, y, room):
         return False
@@ -67,7 +77,7 @@ def place_free(x: float, y: float, ground: Ground) -> bool:
 
 @kernel
 def step_free(ax: float, ay: float, bx: float, by: float, ground: Ground) -> bool:
-    """True if a centre may go straight from (ax, ay) to (bx, by): b is free and no wall is crossed."""
+    """Whether a centre may go straight from (ax, ay) to (bx, by): the end is free and no wall is crossed."""
     if not place_free(bx, by, ground):
         return False
     walls, starts = ground.walls, ground.starts
@@ -79,9 +89,9 @@ def step_free(ax: float, ay: float, bx: float, by: float, ground: Ground) -> boo
 
 @kernel
 def first_hit(xy: Floats, i: int, bx: float, by: float, diameter: float) -> int:
-    """Index of the object that object i comes closest to on its way to (bx, by); -1 if it keeps `diameter` from all.
+    """Index of the object that object i comes closest to on its straight way to (bx, by), if nearer than `diameter`.
 
-    `xy` (n, 2) are the positions.
+    -1 if it keeps that distance from all. `xy` (n, 2) are the positions.
     """
     hit, nearest = -1, diameter * diameter
     ax, ay = xy[i, 0], xy[i, 1]
@@ -110,15 +120,15 @@ def try_into(
     ground: Ground,
     diameter: float,
 ) -> bool:
-    """Move an object by a step, in place, if the new position is not too close to another object and the way is free.
+    """Move an object by a step, in place, if the way is free and the object keeps `diameter` from all others on it.
 
     Args:
         xy: (n, 2) positions; row `i` is changed.
-        i: the object.
+        i: index of the object.
         ux: step along x.
         uy: step along y.
-        ground: floor and obstacles.
-        diameter: of the objects.
+        ground: room and walls.
+        diameter: minimum distance of centres.
 
     Returns:
         Whether it moved.
@@ -143,10 +153,17 @@ def move_into(
 ) -> None:
     """Move object i of `xy` (n, 2) by (ux, uy), in place; where that is not free, turn away step by step, or stay.
 
-    Directions are tried in the order of their angle to the requested one, each with a whole
-    step, then half a step.  Of two equal angles, the one that leads away from the object
-    in the way comes first (to the right if that is straight ahead), so that two objects
-    that meet pass each other.
+    First the requested step is tried, then turned directions in the order of their angle to it, each with a whole step,
+    then half a step. Of two equal angles, the one that leads away from the object in the way comes first (to the right
+    if that is straight ahead), so that two objects that meet pass each other.
+
+    Args:
+        xy: (n, 2) positions of all objects, updated in place.
+        i: index of the object.
+        ux: x of the requested step.
+        uy: y of the requested step.
+        ground: room and walls.
+        diameter: minimum distance of the centres of two objects.
     """
     if try_into(xy, i, ux, uy, ground, diameter):
         return
@@ -175,18 +192,18 @@ def new_destination_into(
     step: float,
     ground: Ground,
 ) -> bool:
-    """Give object i the first of the candidates that is free and not straight behind a wall, in place.
+    """Give object i the first candidate destination that is free and towards which the next step is free, in place.
 
     Args:
         xy: (n, 2) positions.
-        destination: (n, 2) destinations, of which that of object i is set.
-        i: the object.
-        candidates: (K, 2) positions.
-        step: length of a step, for which the way must be free.
+        destination: (n, 2) destinations; that of object i is set.
+        i: index of the object.
+        candidates: (K, 2) possible destinations.
+        step: length of a step.
         ground: room and walls.
 
     Returns:
-        False, and the old destination stays, if no candidate is.
+        False if no candidate is suitable; the old destination stays.
     """
     for k in range(candidates.shape[0]):
         tx, ty = candidates[k, 0], candidates[k, 1]
@@ -198,7 +215,7 @@ def new_destination_into(
 
 @kernel
 def heads_free(x: float, y: float, tx: float, ty: float, step: float, ground: Ground) -> bool:
-    """True if one step from (x, y) towards (tx, ty), without noise, stays in the room and out of walls."""
+    """Whether one step from (x, y) towards (tx, ty), without noise, stays in the room and out of walls."""
     distance = math.hypot(tx - x, ty - y)
     if distance == 0.0:
         return True
@@ -219,19 +236,19 @@ def walk_into(
     ground: Ground,
     motion: WaypointMotion,
 ) -> None:
-    """Move n objects for C steps, [Ercan] Sec. 6; see `walk`.
+    """Move n objects by C steps between random destinations ([Ercan] Sec. 6), in place.
 
     Args:
-        path: (C, n, 2) positions after each step, filled.
-        changed: (C, n) whether an object took a new destination in a step, filled.
+        path: (C, n, 2) filled: positions after each step.
+        changed: (C, n) filled: whether an object took a new destination in a step.
         xy: (n, 2) positions; those after the last step at the end.
         destination: (n, 2) destinations; those after the last step at the end.
-        noise: (C, n, 2) added to the steps.
+        noise: (C, n, 2) noise added to the steps.
         chance: (C, n) uniform random numbers in [0, 1).
         candidates: (C, n, K, 2) possible new destinations.
         first_step: number of the first step, which decides who moves first.
         ground: room and walls.
-        motion: step length and so on.
+        motion: step length, probability of a new destination, and diameter.
     """
     n, step = xy.shape[0], motion.step
     for t in range(path.shape[0]):
@@ -261,15 +278,25 @@ ATTEMPTS = 20_000
 
 
 class WaypointState(NamedTuple):
-    """Positions and destinations of n walking objects."""
+    """State of n walking objects, in scene units.
 
-    xy: Floats  # (n, 2)
-    destination: Floats  # (n, 2)
-    step: int  # steps done
+    Attributes:
+        xy: (n, 2) positions.
+        destination: (n, 2) positions that they walk to.
+        step: number of steps done.
+    """
+
+    xy: Floats
+    destination: Floats
+    step: int
 
 
 class WaypointNoise(NamedTuple):
-    """Random numbers for C steps of n objects."""
+    """Random numbers for C steps of n objects.
+
+    Standard normal `noise` (C, n, 2); `chance` (C, n) uniform in [0, 1), for new destinations; `positions`
+    (C, n, CANDIDATES, 2) uniform in [0, 1), for the destinations.
+    """
 
     noise: Floats  # (C, n, 2) standard normal
     chance: Floats  # (C, n) uniform in [0, 1)
@@ -281,9 +308,9 @@ def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) 
 
     Args:
         n: number of objects.
-        ground: floor and obstacles.
-        diameter: of the objects.
-        rng: generator that is used.
+        ground: room and walls.
+        diameter: minimum distance of centres.
+        rng: random generator.
 
     Raises:
         ValueError: the room is too full; the message has the number of objects that were placed.
@@ -314,7 +341,7 @@ def _bounds(room: Floats) -> tuple[Floats, Floats]:
 def walk(
     world: WaypointState, ground: Ground, motion: WaypointMotion, draws: WaypointNoise
 ) -> tuple[WaypointState, Floats, Bools]:
-    """Move n objects by C steps, as many as there are draws.
+    """Move n objects by C steps between random destinations ([Ercan] Sec. 6), as many steps as there are draws.
 
     Args:
         world: state before the first step, unchanged.
@@ -323,8 +350,8 @@ def walk(
         draws: random numbers (C, n, ...).
 
     Returns:
-        The world after the last step, the path (C, n, 2) with the positions after each step,
-        and (C, n) bool: which objects took a new destination in that step.
+        State after the last step, positions after each step (C, n, 2), and the mask (C, n) of objects that took a new
+        destination in a step.
     """
     low, size = _bounds(ground.room)
     path = np.empty(draws.noise.shape)

@@ -36,7 +36,14 @@ MIN_PIXELS = 30  # of foreground in a box, for an appearance
 
 @dataclass(frozen=True)
 class TargetBox:
-    """A box around a target in one frame, drawn by the user."""
+    """A box around a target in one frame, drawn by the user.
+
+    Attributes:
+        target_id: identity of the target.
+        sensor: name of the camera.
+        frame: number of the frame.
+        left_px, top_px, width_px, height_px: the box [px].
+    """
 
     target_id: int
     sensor: str
@@ -49,9 +56,11 @@ class TargetBox:
 
 @dataclass
 class LearningFrames:
-    """Frames of one camera kept for learning, at most `limit`, evenly spread.
+    """Downscaled frames of one camera kept for learning, at most `limit`, evenly spread over the recording.
 
     Every `stride`-th frame is kept; when there are too many, every second one is dropped and the stride doubles.
+    `count` is the number of frames so far, `shape` that of the first image before it was downscaled by the factor
+    `shrink`; `boxed` holds whole frames with a target's box by frame number.
     """
 
     limit: int = 2
@@ -64,17 +73,18 @@ class LearningFrames:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the camera's images."""
+        """Width and height of the camera's images before downscaling [px]; (0, 0) before the first."""
         return (self.shape[1], self.shape[0]) if self.shape is not None else (0, 0)
 
     def wants(self, number: int) -> bool:
-        """Whether frame `number` of the camera (from 0) is to be kept."""
+        """Whether the `number`-th frame of the camera (from 0) is to be kept."""
         return number % self.stride == 0
 
     def keep(self, number: int, image: Image) -> None:
-        """Keep the image of frame `number`, selected by `wants`.
+        """Keep the downscaled image of the `number`-th frame of the camera, selected by `wants`.
 
-        If there are too many, every second one is dropped before.
+        If `limit` images are kept already, every second one is dropped and the stride doubled before; the image is
+        then kept only if its number still fits.
         """
         if len(self.images) == self.limit:
             self.images = self.images[::2]
@@ -95,20 +105,20 @@ def learn(
     boxes: Sequence[TargetBox] = (),
     workers: int = 1,
 ) -> tuple[Learned, tuple[Target, ...]]:
-    """Learn the empty scene, the sizes of people, and the appearances of the targets in boxes.
+    """Learn the empty scene and the sizes of people by camera, and the appearances of the targets in boxes.
 
-    Frames that cannot be decoded, or are of another size than the camera's first, are
-    skipped here; `detect` reports them.
+    Frames that cannot be decoded, or are of another size than the camera's first, are skipped here; `detect` reports
+    them.
 
     Args:
-        frames: of all cameras, in the order of time.
-        scene: must hold the cameras.
-        config: options.
-        boxes: around targets; each target's appearances are in the order of its boxes.
-        workers: threads.
+        frames: frames of all cameras, in the order of time.
+        scene: scene with the cameras.
+        config: settings of the detection.
+        boxes: boxes around targets; each target's appearances are in the order of its boxes.
+        workers: number of threads.
 
     Raises:
-        InputError: a box's frame is not there, or no foreground is in the box.
+        InputError: a box's frame is missing, or there is no foreground in the box.
     """
     return learn_from(sample_frames(frames, scene, config, boxes), scene, config, boxes, workers)
 
@@ -120,13 +130,16 @@ def learn_from(
     boxes: Sequence[TargetBox] = (),
     workers: int = 1,
 ) -> tuple[Learned, tuple[Target, ...]]:
-    """Learn empty scenes, sizes of people and targets as `learn` does, from the frames kept by `sample_frames`.
+    """Learn empty scenes, sizes of people and appearances of targets from sampled frames.
+
+    Returns the empty scene of each camera, the sizes where the pose does not determine them, and the targets of
+    `boxes`. InputError if a box's frame is missing or has no foreground in the box.
 
     Args:
-        samples: frames by camera.
-        scene: has the cameras.
-        config: of the detection.
-        boxes: from which the appearance of targets is learned.
+        samples: frames by camera, of `sample_frames`.
+        scene: scene with the cameras.
+        config: settings of the detection.
+        boxes: boxes around targets.
         workers: number of threads.
     """
 
@@ -145,9 +158,9 @@ def learn_from(
 def sample_frames(
     frames: Iterable[Frame], scene: Scene, config: DetectConfig, boxes: Sequence[TargetBox] = ()
 ) -> dict[str, LearningFrames]:
-    """Frames of each camera kept for learning: spread evenly over the recording, and those with `boxes`.
+    """Collect frames of each camera for learning: spread evenly over the recording, and those with `boxes`.
 
-    Frames that cannot be decoded are skipped.
+    Returns them by camera. Frames that cannot be decoded, or differ in size from the camera's first, are skipped.
     """
     wanted = {(b.sensor, b.frame) for b in boxes}
     samples: dict[str, LearningFrames] = {}
@@ -174,11 +187,11 @@ def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, confi
     """Set shape, downscaling factor and maximum number of samples by the first image of a camera, in place.
 
     Args:
-        samples: of the camera; changed.
-        image: the first one.
-        name: of the camera.
-        scene: has the cameras.
-        config: of the detection.
+        samples: frames of the camera that are kept for learning, updated.
+        image: first image of the camera.
+        name: name of the camera.
+        scene: scene with all cameras.
+        config: settings of the detection.
     """
     samples.shape = image.shape
     samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
@@ -186,9 +199,9 @@ def _begin(samples: LearningFrames, image: Image, name: str, scene: Scene, confi
 
 
 def sample_limit(image_bytes: int, n_cameras: int) -> int:
-    """Maximum number of samples per camera in memory (even, since every second one is dropped when full).
+    """Maximum number of samples per camera in memory, even, from `MIN_SAMPLES` to `MAX_SAMPLES`.
 
-    `image_bytes` is the size of a downscaled image.
+    `image_bytes` is the size of a downscaled image. All cameras share `SAMPLE_BYTES`.
     """
     fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
     return int(np.clip(fits, MIN_SAMPLES, MAX_SAMPLES)) // 2 * 2
@@ -199,9 +212,9 @@ def _study(samples: LearningFrames, camera: Camera, scene: Scene, config: Detect
 
     Args:
         samples: downscaled images of the camera.
-        camera: has the pose.
-        scene: has unit and room.
-        config: of the detection; may state the sizes.
+        camera: camera, perhaps with a pose.
+        scene: gives length unit and room.
+        config: settings of the detection; may state the height of people.
 
     Returns:
         None without images.
@@ -234,15 +247,15 @@ def _targets(boxes: Sequence[TargetBox], samples: dict[str, LearningFrames], lea
 
 
 def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floats:
-    """(72,) colour histogram of the foreground inside a box.
+    """(72,) normalised colour histogram of the foreground inside a target's box.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
-        empty: image of the empty scene, may be shrunk; None: all of the box counts.
-        box: in pixels of the image.
+        empty: image of the empty scene, perhaps downscaled; None, or of another shape: all of the box counts.
+        box: box in pixels of the image.
 
     Raises:
-        InputError: the box is off the image or hardly anything in it differs.
+        InputError: the box is outside the image, or fewer than `MIN_PIXELS` pixels in it differ from the empty scene.
     """
     factor = 1 if empty is None else max(1, image.shape[0] // empty.shape[0])
     image = downscale(image, factor)

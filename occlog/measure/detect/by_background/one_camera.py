@@ -83,15 +83,15 @@ def check_targets(targets: Sequence[Target]) -> None:
 
 @dataclass
 class TargetMemory:
-    """Last detection of each target in one camera: target number to time [ns], x and y [px]."""
+    """Last detection of each target in one camera: by the target's index, time [ns], x and y [px]."""
 
     last: dict[int, tuple[int, float, float]] = field(default_factory=dict)
 
 
 def similarities(appearance: Floats, targets: Sequence[Target]) -> Floats:
-    """(K, T) similarity of the appearances (K, 72) of regions to each target; NaN for NaN rows.
+    """(K, T) similarities of K regions' colour histograms (K, 72) to each of T targets, 0 to 1; NaN for NaN rows.
 
-    It is that to the target's most similar appearance.
+    The Bhattacharyya coefficient with the target's most similar appearance. (K, 0) without targets.
     """
     columns = [similarity(appearance, target.appearances).max(axis=1, initial=-np.inf) for target in targets]
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
@@ -105,23 +105,23 @@ def choose(
     similarity_limit: float,
     allowed: Bools | None = None,
 ) -> Ints:
-    """Assign a region to each target in one frame, and update `memory`.
+    """Assign a region to each of T targets in one frame, and update `memory` with their positions.
 
     With appearances, pairs of target and region are assigned greedily by similarity plus `CONTINUITY_BONUS` times
-    closeness, each region to one target at most, while the similarity is at least `min_similarity`. Without appearances
+    closeness to the last position, one region per target, if the similarity is sufficient. Without appearances
     there is one target: the region with the most foreground times 1 + closeness, so that it does not change between
     regions of about the same size. Regions with more than `MAX_CLUSTER_RATIO` times a person's pixels are excluded.
 
     Args:
-        t_ns: time of the frame.
+        t_ns: time of the frame [ns].
         regions: K regions.
         like: (K, T) similarities; (K, 0) where no appearance is known.
-        memory: of the camera.
-        similarity_limit: least similarity, 0 to 1.
-        allowed: (K, max(T, 1)) regions that may be of each target; None: all.
+        memory: last positions of the targets in this camera.
+        similarity_limit: minimum similarity, 0 to 1.
+        allowed: (K, max(T, 1)) mask of regions that may be of each target; None: all.
 
     Returns:
-        (max(T, 1),) number of each target's region, -1 for a target that is not seen.
+        (max(T, 1),) index of each target's region, -1 for a target that is not detected.
     """
     n_targets = max(like.shape[1], 1)
     close = np.column_stack([_closeness(t_ns, regions, memory.last.get(n)) for n in range(n_targets)])
@@ -149,14 +149,15 @@ def choose(
 
 
 def _closeness(t_ns: int, regions: ForegroundRegions, last: tuple[int, float, float] | None) -> Floats:
-    """(K,) closeness of regions to the target's last position: exp(-d^2 / 2) with the normalised distance d.
+    """(K,) closeness of regions to the target's last position: exp(-d^2 / 2), with the normalised distance d.
 
-    It is 0 without a last position, and after `MEMORY_S`.
+    d is in units of `MAX_JUMP_WIDTHS` standard deviations of a person's pixels across. 0 without a last position,
+    and after `MEMORY_S`.
 
     Args:
-        t_ns: time [ns].
+        t_ns: time of the frame [ns].
         regions: K regions.
-        last: time [ns], x and y [px] of the last position; None: there is none.
+        last: time [ns], x and y [px] of the last position; None: unknown.
     """
     if last is None or (t_ns - last[0]) * 1e-9 > MEMORY_S:
         return np.zeros(len(regions.mass))
@@ -172,20 +173,42 @@ BLOCK = 16  # codecs cut images at the right and below to whole blocks
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """Image shape, background model and sizes of a camera, set from its first frame."""
+    """Detection in one camera, set up from its first frame.
+
+    Attributes:
+        shape: shape of the frames.
+        shrink: integer factor by which they are downscaled.
+        subtractor: background model of the downscaled images.
+        sizes: sizes of people in the downscaled images.
+        prior: prior of the clustering there.
+        side: side of its cells [px of the downscaled image].
+        started: whether the model started from an image of the empty scene.
+    """
 
     shape: tuple[int, ...]
     shrink: int
     subtractor: Subtractor
-    sizes: SizeMap  # in the shrunk image
+    sizes: SizeMap
     prior: Prior
-    side: int  # of the cells [px]
-    started: bool  # from an image of the empty scene
+    side: int
+    started: bool
 
 
 @dataclass
 class CameraState:
-    """State of one camera, used by one thread at a time."""
+    """State of the detection in one camera, updated in place, and used by one thread at a time.
+
+    Attributes:
+        camera, scene, config: camera, its scene, and settings.
+        empty: learned image of the empty scene; None: not learned.
+        sizes: learned sizes of people; None: not learned.
+        targets: targets to search for.
+        setup: made at the first frame; None before.
+        seen: number of frames given to the background model.
+        memory: last positions of targets.
+        separate: frames in which people are separate.
+        near: track feedback that limits the search for targets; None: they are searched for in the whole image.
+    """
 
     camera: Camera
     scene: Scene
@@ -194,15 +217,15 @@ class CameraState:
     sizes: SizeMap | None = None
     targets: tuple[Target, ...] = ()
     setup: CameraSetup | None = None
-    seen: int = 0  # frames given to the background model
+    seen: int = 0
     memory: TargetMemory = field(default_factory=TargetMemory)
     separate: SeparateSightings = field(default_factory=SeparateSightings)
-    near: TrackFeedback | None = None  # where targets are thought to be; None: they are searched for everywhere
+    near: TrackFeedback | None = None
 
 
 @dataclass(frozen=True)
 class FrameRegions:
-    """Regions of one frame, with its time and number."""
+    """Person-sized regions of one frame, with its time `t_ns` [ns] and its number `index`."""
 
     t_ns: int
     index: int
@@ -211,7 +234,7 @@ class FrameRegions:
 
 @dataclass(frozen=True)
 class CameraBatch:
-    """Regions and losses of one camera's frames in a batch."""
+    """Regions and losses of one camera's frames in a batch; `warmup` counts frames that only trained the background."""
 
     found: tuple[FrameRegions, ...]
     losses: tuple[Loss, ...]
@@ -219,7 +242,10 @@ class CameraBatch:
 
 
 def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
-    """Detect the regions in a camera's frames, in order, and update its state."""
+    """Detect the person-sized regions in a camera's frames, in order; `state` is updated in place.
+
+    Frames that cannot be decoded or used become losses.
+    """
     found: list[FrameRegions] = []
     lost: list[tuple[int, str]] = []
     warmup = 0
@@ -250,9 +276,9 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
 def _regions_of_frame(
     state: CameraState, setup: CameraSetup, frame: Frame, image: Image
 ) -> tuple[str, ForegroundRegions | None]:
-    """Reason why a frame cannot be used (empty: none), and its regions; neither during warm-up of the background.
+    """Reason why a frame cannot be used (empty: none), and its regions; no regions during warm-up of the background.
 
-    `image` is the decoded frame; the background model is updated.
+    `image` is the decoded frame. The background model in `setup` and the frame count in `state` are updated.
     """
     if image.shape != setup.shape:
         return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(setup.shape)}", None
@@ -277,10 +303,10 @@ def _regions_of_frame(
 
 
 def set_up(state: CameraState, image: Image) -> CameraSetup:
-    """Create the background model and size map for images like the camera's first.
+    """Create the background model and size map for images like the camera's first (`image`).
 
     Raises:
-        InputError: the image size contradicts the scene, or the size of people is unknown.
+        InputError: the image size contradicts the scene or is too large, or the size of people is unknown.
     """
     camera, c = state.camera, state.config
     size = (image.shape[1], image.shape[0])
@@ -304,9 +330,9 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
 
 
 def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> SizeMap | None:
-    """Size map for images of a size (width, height) from the options or the camera's pose.
+    """Size map for images of a size (width, height) [px] by the height in `config`, or by the camera's pose.
 
-    None if neither determines it, or no person on the floor is in the image.
+    None if neither determines it, or in most of the image no person could stand.
     """
     if config.person_height_px is not None:
         return constant_sizes(size, config.person_height_px)
@@ -323,7 +349,7 @@ def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: Det
 
 
 def upright(scene: Scene) -> bool:
-    """Whether the scene's world seems to be upright, so that camera poses determine the size of people."""
+    """Whether the scene's world seems to be upright (z is up), so that camera poses determine the size of people."""
     return is_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
 
 
@@ -347,7 +373,10 @@ def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: Detec
 
 
 def check_size(camera: Camera, size: tuple[int, int]) -> None:
-    """InputError unless images of a size (width, height) fit the camera's calibration."""
+    """InputError unless images of a size (width, height) [px] fit the camera's calibration.
+
+    They may be up to `BLOCK` - 1 pixels smaller, as codecs crop; without a stated size all fit.
+    """
     if camera.image_size is None:
         return
     cut = np.subtract(camera.image_size, size)
@@ -361,9 +390,9 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
 
 
 def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: int) -> None:
-    """InputError if images of a size, downscaled by `factor`, are too large for the background model `kind`.
+    """InputError if images, downscaled by `factor`, are too large for the background model `kind` (`mog2` or `knn`).
 
-    `size` is width and height before [px].
+    `size` is width and height before downscaling [px].
     """
     pixels, most = size[0] * size[1], largest_image(kind)
     if pixels / factor**2 > most:
@@ -375,11 +404,11 @@ def check_background(camera: Camera, kind: str, size: tuple[int, int], factor: i
 
 
 def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
-    """Convert a decoded image to 8-bit grey or BGR.
+    """Convert a decoded image to 8-bit grey (height, width) or BGR (height, width, 3).
 
     Args:
-        image: integer array (height, width) or (height, width, 1, 3 or 4).
-        bits: significant bits of 16-bit images; None: they are refused.
+        image: integer array (height, width) or (height, width, 1, 3 or 4); a fourth channel is dropped.
+        bits: significant bits of 16-bit images, of which the upper 8 are kept; None: such images are refused.
 
     Raises:
         InputError: another kind of image, or 16 bits without `bits`.
@@ -401,14 +430,14 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
 
 
 def size_in_words(shape: tuple[int, ...]) -> str:
-    """Size and kind of an image of that shape, for messages."""
+    """Size and kind of an image of that shape, for messages: "640 x 480 px grey"."""
     return f"{shape[1]} x {shape[0]} px {'in colour' if len(shape) == 3 else 'grey'}"
 
 
 def segments(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
     """Losses of the frames of a sensor, one for each run of consecutive frames with the same reason.
 
-    `lost` has number and reason of each frame, in order.
+    `lost` has frame number and reason of each frame, in order.
     """
     losses = []
     # Index minus position is constant in a run of consecutive frames.

@@ -20,7 +20,10 @@ BORDER_PX = 1.0  # a box that comes this near to the side of the image is cut by
 
 
 class _RegionFrames(NamedTuple):
-    """Regions of F frames, concatenated: K rows in all."""
+    """Regions of F frames of one camera, concatenated to K rows.
+
+    Times [ns] (F,), frame numbers (F,), and row of each frame's first region, then K (F + 1,).
+    """
 
     t_ns: Ints  # (F,)
     number: Ints  # (F,) of the frames
@@ -32,11 +35,11 @@ def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views,
     """Convert the regions of some frames of one camera to rows of views and bearings.
 
     Args:
-        state: camera, settings, and its memory of the targets, which is updated.
+        state: camera, settings and targets; its memory of their positions is updated in place.
         found: regions of each frame, by rising time.
 
     Returns:
-        Views and bearings, both empty without frames.
+        Views (one row per region) and bearings (one row per frame and target); both empty without frames.
     """
     if not found or state.setup is None:
         return Views.empty(), Bearings.empty()
@@ -62,19 +65,22 @@ def _gather(found: Sequence[FrameRegions]) -> _RegionFrames:
 
 
 def _cut(boxes: Floats, width: int) -> Bools:
-    """(K,) mask of boxes (K, 4) that touch the left or right border of an image of a width [px]."""
+    """(K,) mask of boxes (K, 4: left, top, width, height [px]) that touch the left or right border of an image.
+
+    `width` is that of the image [px].
+    """
     left, right = boxes[:, 0], boxes[:, 0] + boxes[:, 2]
     cut: Bools = (left < BORDER_PX - 0.5) | (right > width - 0.5 - BORDER_PX)
     return cut
 
 
 def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: RegionBearings) -> Ints:
-    """(F, T) index of each target's region among all K regions of F frames; -1 if not detected.
+    """(F, T) row of each target's region among all K regions of F frames; -1 if not detected.
 
     Args:
-        state: of the camera; its memory of the T targets is updated.
-        frames: the regions.
-        like: (K, T) similarities.
+        state: state of the camera; its memory of the T targets is updated in place.
+        frames: regions of the frames.
+        like: (K, T) similarities of regions and targets.
         seen: bearings of the regions.
     """
     chosen, may_be = [], _near(state, frames, seen)
@@ -91,7 +97,7 @@ def _choose(state: CameraState, frames: _RegionFrames, like: Floats, seen: Regio
 
 
 def _near(state: CameraState, frames: _RegionFrames, seen: RegionBearings) -> Bools | None:
-    """(K, T) mask of regions near the predicted position of each target; None without predictions or pose.
+    """(K, T) mask of regions within the gate of each target's track; None without track feedback or pose.
 
     `seen` are the bearings of the K regions.
     """
@@ -145,14 +151,14 @@ def _views(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like
 
 
 def _bearings(state: CameraState, frames: _RegionFrames, seen: RegionBearings, like: Floats, chosen: Ints) -> Bearings:
-    """Bearings, one row for each frame and target, also if not detected; none for a camera without pose.
+    """Bearings: one row for each frame and target, also if not detected; none for a camera without pose.
 
     Args:
-        state: of the camera.
+        state: state of the camera.
         frames: F frames with K regions.
         seen: bearings of the regions.
-        like: (K, T) similarities.
-        chosen: (F, T) region of each target; -1: not detected.
+        like: (K, T) similarities of regions and targets.
+        chosen: (F, T) row of each target's region; -1: not detected.
     """
     if not state.camera.placed:
         return Bearings.empty()

@@ -35,7 +35,10 @@ IN_FLIGHT = 2  # batches that wait or run while the oldest is finished
 
 @dataclass(frozen=True)
 class Learned:
-    """Results of the learning pass (`learning.learn`), by camera."""
+    """Results of the learning pass over a recording, by camera name.
+
+    `empty`: image of the empty scene, downscaled; `sizes`: size map of people, where the pose does not determine it.
+    """
 
     empty: Mapping[str, Image] = field(default_factory=dict)  # images of the empty scene
     sizes: Mapping[str, SizeMap] = field(default_factory=dict)  # of people, where the pose does not determine
@@ -61,29 +64,29 @@ def detect(
     batch: int = BATCH,
     states: dict[str, CameraState] | None = None,
 ) -> Iterator[Detections]:
-    """Detect regions (`views`) and target bearings of all cameras, sorted by time.
+    """Detect person-sized regions (`views`) and target bearings by background subtraction, sorted by time.
 
     A frame has one bearing row for each target, detected or not, and a view row for each region. Unusable frames are
     losses and have no row, nor have the first `warmup` frames of a camera without an image of the empty scene. A camera
     without pose gives views only.
 
     Args:
-        frames: in the order of time; each camera's also in the order of its index.
-        scene: must hold the cameras.
-        config: options.
-        workers: threads.
-        learned: images of the empty scene and sizes of people.
-        targets: people to search for; none: the largest region is the one target, `LONE_TARGET_ID`.
-        near: where targets are thought to be; None: they are searched for everywhere.
-        batch: frames read ahead at a time, 1 or more; the rows do not depend on it.
-        states: of cameras by name, from earlier frames; is brought up to date. None: these are the first frames.
+        frames: frames in the order of time; each camera's also in the order of its index.
+        scene: scene with the cameras.
+        config: settings; None: the defaults.
+        workers: number of threads.
+        learned: images of the empty scene and sizes of people; None: learned on the way.
+        targets: people to search for; without any, the largest region is the one target, `LONE_TARGET_ID`.
+        near: track feedback that limits the search for targets; None: whole image.
+        batch: number of frames read ahead at a time, 1 or more; the rows do not depend on it.
+        states: state of each camera by name, from earlier frames, updated in place; None: these are the first frames.
 
     Yields:
         One part for each batch of frames.
 
     Raises:
-        InputError: a frame's camera is not in the scene, an image does not fit its
-            calibration, or nothing states how large people are.
+        InputError: a frame's camera is not in the scene, an image does not fit its calibration, times go back, or
+            nothing states how large people are.
         UsageError: two targets have the same identity.
     """
     check_targets(targets)
@@ -115,7 +118,10 @@ def detect(
 
 
 def batches(frames: Iterable[Frame], size: int) -> Iterator[list[Frame]]:
-    """Batches of about `size` frames; frames of one time are never split."""
+    """Generate lists of at least `size` frames, the last shorter; frames of one time are never split.
+
+    InputError if times go back.
+    """
     batch: list[Frame] = []
     for frame in frames:
         if batch and frame.t_ns < batch[-1].t_ns:
@@ -141,9 +147,9 @@ def _by_camera(batch: list[Frame]) -> dict[str, list[Frame]]:
 
 
 def _job(state: CameraState, frames: list[Frame], before: Future[_Part] | None) -> _Part:
-    """Process one camera's frames of a batch, after its part of the previous batch (`before`).
+    """Process one camera's frames of a batch, after its part of the previous batch (`before`) has finished.
 
-    Jobs start in the order of submission, so that there is no deadlock.
+    `state` is updated in place. Jobs start in the order of submission, so that there is no deadlock.
     """
     if before is not None:
         before.result()

@@ -10,7 +10,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class TrackFusionConfig(Settings):
-    """Settings of the fusion of tracks; lengths in the scene's unit, times in seconds."""
+    """Settings of the fusion of tracks of several groups of cameras; lengths in the scene's unit, times in seconds."""
 
     OWNER: ClassVar[str] = "fuse tracks"
 

@@ -22,17 +22,18 @@ CONTINUITY_BONUS_CHI2 = 4.0
 
 
 def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
-    """For each row of the first group, find the row of the same person in the second group.
+    """For each row of the first group's tracks, find the row of the same person in the second group's.
 
-    Tracks are compared by their mean squared Mahalanobis distance over `span_s` around the time step, clipped to
-    `MAX_DISTANCE_GATES` times the gate. At each time step the pairs within the gate are assigned one to one.
+    Tracks are compared by their squared Mahalanobis distance, averaged over `span_s` around the time step and
+    clipped to `MAX_DISTANCE_GATES` times the squared gate. Pairs within the gate are assigned one to one at each
+    time step; pairs of the time step before are preferred.
 
     Args:
-        first: tracks at common time steps, ordered by time.
-        second: the same.
-        error: standard deviation of the positions beyond their covariances, per axis.
-        gate: in standard deviations.
-        span_s: how long tracks are compared [s].
+        first: n rows at common time steps, ordered by time.
+        second: tracks of another group of cameras at the same time steps, ordered by time.
+        error: standard deviation of the difference of positions beyond their covariances, per axis [length].
+        gate: limit in standard deviations.
+        span_s: time over which tracks are compared, half of it before and half after [s].
 
     Returns:
         (n,) rows of the second group; -1: no match.
@@ -63,7 +64,7 @@ def match_tracks(first: PeopleTracks, second: PeopleTracks, error: float, gate: 
 
 
 class GroundPositions(NamedTuple):
-    """n positions on the floor with covariances."""
+    """n positions on the ground, x and y (n,), with the elements xx, xy, yy (n,) of their covariances."""
 
     x: Floats  # (n,)
     y: Floats
@@ -78,17 +79,17 @@ class GroundPositions(NamedTuple):
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
     def take(self, rows: Ints) -> GroundPositions:
-        """Select positions by indices."""
+        """The positions with these indices, in this order."""
         return GroundPositions(*(values[rows] for values in self))
 
 
 def distances(first: GroundPositions, second: GroundPositions, error: float) -> Floats:
-    """(n,) squared Mahalanobis distances; chi-square with 2 degrees of freedom for independent errors.
+    """(n,) squared Mahalanobis distances between pairs of positions; chi-square with 2 degrees of freedom.
 
     Args:
         first: n positions.
-        second: n others.
-        error: standard deviation of both beyond their covariances, per axis.
+        second: n positions with errors independent of the first.
+        error: additional standard deviation of their difference, per axis [length].
     """
     dx, dy = second.x - first.x, second.y - first.y
     xx, xy, yy = first.xx + second.xx + error**2, first.xy + second.xy, first.yy + second.yy + error**2
@@ -100,17 +101,18 @@ def distances(first: GroundPositions, second: GroundPositions, error: float) -> 
 def _compared(
     first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
 ) -> tuple[Ints, Ints, Floats]:
-    """Rows of both groups at one time step, of tracks that are ever near each other, with their mean distances.
+    """Pairs of rows of two groups at equal times, for all tracks that are ever near each other, with mean distances.
 
     Args:
-        first: tracks of one group.
+        first: tracks of one group of cameras.
         second: tracks of the other group.
-        error: standard deviation of both beyond their covariances, per axis.
-        gate: limit of the normalised distance.
+        error: standard deviation of the difference of positions beyond their covariances, per axis [length].
+        gate: limit in standard deviations.
         span_s: time over which distances are averaged [s].
 
     Returns:
-        (n,) rows of the first group, (n,) rows of the second, (n,) mean squared normalised distances.
+        (n,) rows of the first group, (n,) rows of the second, (n,) moving averages of squared Mahalanobis distances,
+        each clipped to `MAX_DISTANCE_GATES` gate^2. Not sorted.
     """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
@@ -129,9 +131,10 @@ def _compared(
 
 
 def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
-    """Pairs of identities (of the first and the second group) that are within the gate at some time step.
+    """Sorted pairs of identities, one of each group, that are within the gate at some time step.
 
-    `error` is the standard deviation of both beyond their covariances, per axis.
+    `error` is the standard deviation of the difference of positions beyond their covariances [length], `gate` the
+    limit in standard deviations.
     """
     positions = GroundPositions.of(first), GroundPositions.of(second)
     near: set[tuple[int, int]] = set()

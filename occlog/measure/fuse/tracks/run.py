@@ -28,7 +28,7 @@ MAX_SEPARATION_RATIO = 2.0
 
 
 def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Fuse tracks of several groups of cameras and write them; return the summary, and earlier losses."""
+    """Fuse tracks of several groups of cameras and write tracks and events; return the summary and input losses."""
     paths = (request.bearings, *request.others)
     opened = [open_input(path, PeopleTracks) for path in paths]
     unit, source = common_unit(opened)
@@ -46,12 +46,17 @@ def run_fuse_tracks(request: TrackFusionRequest, job: Job) -> tuple[dict[str, ob
 
 
 def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks) -> dict[str, object]:
-    """Figures of the summary.
+    """Return the figures of the summary by name.
 
-    people, rows: of the output.  multi_group_share: share of the rows of people that several groups track at that time.
-    possible_switches: how often two identities may have been exchanged.  groups: of each input the identities; of
-    each but the first the rows that it shares with those before (matched_pairs), and the median distance of their
-    positions (median_separation).
+    people, rows: of the output. multi_group_share: share of rows of people that several groups track at that time,
+    missing without rows. possible_switches: number of such events. groups: for each input file its number of
+    people, and for each but the first the rows matched with groups before (matched_pairs) and the median distance
+    of the matched positions (median_separation [length]).
+
+    Args:
+        paths: file of each group.
+        groups: tracks of each group.
+        fused: result of the fusion.
     """
     several = np.char.count(fused.tracks.source_ids, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
     by_group: dict[str, object] = {}
@@ -74,14 +79,16 @@ def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGro
 def _checks(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> tuple[Check, ...]:
-    """Checks that every group has tracks, and that groups agree with those before them.
+    """Check that every group has tracks, and that each group agrees with those before it.
+
+    The second check has no findings if all groups are empty.
 
     Args:
         paths: file of each group.
         groups: tracks of each group.
         fused: has the agreement of each group but the first with those before.
-        config: error of the registration of groups.
-        unit: of lengths, for messages.
+        config: gives the standard deviation of the registration of groups.
+        unit: name of the length unit, for messages.
     """
     anybody = any(len(group) for group in groups)
     empty = (
@@ -95,9 +102,11 @@ def _checks(
 def _apart(
     paths: tuple[Path, ...], groups: list[PeopleTracks], fused: FusedGroupTracks, config: TrackFusionConfig, unit: str
 ) -> Iterator[Check]:
-    """Findings about groups of cameras without common people, or displaced relative to earlier groups.
+    """Findings about each group of cameras that disagrees with the groups before it.
 
-    Lengths are in `unit`.
+    It has no time step in common, no matched people, or a mean offset above `MAX_SEPARATION_RATIO` times the
+    registration error. Groups without tracks are skipped. `paths` are the files of the groups, `unit` names the
+    length unit.
     """
     for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
         if not len(group):

@@ -39,13 +39,19 @@ shares, whatever their errors have in common."""
 
 
 def default_window(groups: Sequence[PeopleTracks]) -> int:
-    """Default window [ns]: just under half the shortest period of all groups; 0 if no group has two times."""
+    """Default window [ns] for common time steps: `JUST_UNDER` times the shortest median period of all groups.
+
+    0 if no group has two times.
+    """
     periods = [np.median(np.diff(times)) for g in groups if len(times := np.unique(g.t_ns)) > 1]
     return int(JUST_UNDER * min(periods)) if periods else 0
 
 
 def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
-    """(T,) common time steps [ns] of all groups: the first of all times within a window of `window_ns`."""
+    """(T,) common time steps [ns] of all groups: rising; each is the first time after the window of the one before.
+
+    Times at most `window_ns` [ns] after a time step belong to it.
+    """
     times = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(g.t_ns for g in groups)]))
     starts: list[int] = []
     at = 0
@@ -58,8 +64,8 @@ def step_times(groups: Sequence[PeopleTracks], window_ns: int) -> Ints:
 def at_times(tracks: PeopleTracks, times: Ints, window_ns: int, gap_ns: int) -> PeopleTracks:
     """Resample all tracks to the time steps `times` (T,) [ns]; rows sorted by time and identity.
 
-    A row at a time step is unchanged. Between rows at most `gap_ns` apart states are interpolated linearly; otherwise a
-    row at most `window_ns` from a time step is moved there with its velocity.
+    A row at a time step is unchanged. Between rows at most `gap_ns` [ns] apart states are interpolated linearly;
+    otherwise the nearest row at most `window_ns` [ns] from a time step is moved there with its velocity.
     """
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     starts = np.flatnonzero(np.diff(tracks.target_id[order], prepend=-1)) if len(order) else np.zeros(0, dtype=np.int64)
@@ -92,9 +98,9 @@ def _one_at_times(track: PeopleTracks, times: Ints, window_ns: int, gap_ns: int)
 
 
 def _line(values: Floats, before: Ints, after: Ints, share: Floats) -> Floats:
-    """(T, ...) linear interpolation between the rows `before` and `after` (T,) of values, by a share (T,) from 0 to 1.
+    """(T, ...) linear interpolation between the entries `before` and `after` (T,) of `values` (n, ...).
 
-    The values of the row itself where both are the same.
+    `share` (T,) is the position between both, 0 to 1. Where `before` equals `after` the entry itself is returned.
     """
     same = before == after
     between: Floats = (1.0 - share) * values[before] + share * values[after]
@@ -115,7 +121,12 @@ NOT_THERE = "-"
 
 
 class GroupConsistency(NamedTuple):
-    """Agreement of a group of cameras with the groups before it."""
+    """Agreement of a group of cameras with the groups before it.
+
+    `n_common`: time steps at which both have a person. `pairs`: rows of one person matched at them. `offset`: mean
+    x and y of the later group's position minus the earlier one. `distance`: median distance of matched positions
+    [length]. Both are NaN without pairs.
+    """
 
     n_common: int  # at which both have a person
     pairs: int  # rows of one person, at these time steps
@@ -124,7 +135,7 @@ class GroupConsistency(NamedTuple):
 
 
 class FusedGroupTracks(NamedTuple):
-    """Tracks of all people, fused over all groups."""
+    """Tracks of all people fused over all groups of cameras, their events, and the agreement of each later group."""
 
     tracks: JoinedTracks
     events: Events
@@ -138,14 +149,16 @@ class _Doubt(NamedTuple):
 
 
 def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> FusedGroupTracks:
-    """Fuse the tracks of several groups of cameras.
+    """Fuse the tracks of several groups of cameras by covariance intersection, with one identity per person.
+
+    Groups are added one after the other, in the given order.
 
     Args:
         groups: tracks on the ground in one world frame; their times may differ.
         config: settings in the scene's unit.
 
     Raises:
-        InputError: tracks in space.
+        InputError: a track has heights (column z), which cannot be fused.
     """
     for group in groups:
         if np.isfinite(group.z).any():
@@ -163,7 +176,7 @@ def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fu
 
 
 def _alone(tracks: PeopleTracks) -> JoinedTracks:
-    """Tracks of the first group, with their own identities."""
+    """Convert the tracks of one group to fused tracks: identities are kept, `source_ids` are the identities as text."""
     columns = {c.name: getattr(tracks, c.name) for c in PeopleTracks.columns()}
     return JoinedTracks(**columns, source_ids=tracks.target_id.astype(np.str_))
 
@@ -171,9 +184,17 @@ def _alone(tracks: PeopleTracks) -> JoinedTracks:
 def _join(
     first: JoinedTracks, second: PeopleTracks, number: int, config: TrackFusionConfig
 ) -> tuple[JoinedTracks, list[_Doubt], GroupConsistency]:
-    """Add the tracks of a group to those fused before; also return possible switches and how the groups agree.
+    """Add the tracks of one more group of cameras to those fused before, at common time steps.
 
-    `number` is that of the groups added before.
+    Args:
+        first: fused tracks of the groups before.
+        second: tracks of the group.
+        number: number of groups fused before, for the column `source_ids`.
+        config: settings of the fusion.
+
+    Returns:
+        The fused tracks sorted by time and identity, the possible identity switches, and how well the group agrees with
+        those before.
     """
     partner = match_tracks(first, second, config.sigma_registration, config.gate, config.comparison_window_s)
     pairs = np.flatnonzero(partner >= 0)
@@ -206,15 +227,15 @@ def _join(
 
 
 def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt], Bools]:
-    """Identities of n rows in the order of time, by the tracks of both groups.
+    """Assign one identity to each of n fused rows, in the order of time, by the tracks of which they are made.
 
     Args:
-        t_ns: (n,) times [ns].
-        here: (n,) tracks fused before; -1: none.
-        also: (n,) tracks of the new group; -1: none.
+        t_ns: (n,) nondecreasing times [ns].
+        here: (n,) identities among the tracks fused before; -1: none.
+        also: (n,) identities in the new group; -1: none.
 
     Returns:
-        (n,) identities; possible switches; (n,) mask of the rows of identities that they are of.
+        (n,) identities; the possible identity switches; (n,) mask of rows of an identity with a switch at that time.
     """
     identities, doubts = IdentityMatcher(), list[_Doubt]()
     out: Ints32 = np.zeros(len(t_ns), dtype=np.int32)
@@ -232,9 +253,11 @@ def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt
 
 
 def _fuse_matched(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
-    """Fuse rows of people tracked by both groups: covariance intersection, and the flags of either.
+    """Fuse pairs of rows of two groups: row k of `mine` and of `theirs` are of one person and time.
 
-    Row k of `mine` and of `theirs` are of one person and time.
+    States by covariance intersection (the position alone where the covariance of the velocity is unknown), height and
+    width from the more certain group, the larger existence probability, the union of the cameras, and flags of either;
+    `coasting` only if both have it. `inconsistent_views` is added where positions are beyond the gate.
     """
     n = len(mine)
     known = np.isfinite(_covariances(mine)).all(axis=(1, 2)) & np.isfinite(_covariances(theirs)).all(axis=(1, 2))
@@ -275,7 +298,7 @@ def _means(tracks: PeopleTracks) -> Floats:
 
 
 def _covariances(tracks: PeopleTracks) -> Floats:
-    """(n, 4, 4) covariances of the states."""
+    """(n, 4, 4) covariances of the states x, y, vx, vy, from the columns of the table."""
     return np.stack([np.column_stack([getattr(tracks, name) for name in row]) for row in COVARIANCE], axis=1)
 
 
@@ -285,7 +308,7 @@ def _united(first: str, second: str) -> str:
 
 
 def _keep_flags(word: str, where: Bools) -> Bools:
-    """(n, W) mask of flags: `word` in the rows `where`, no others."""
+    """(n, W) mask of W quality flags: True in the column of `word` for the rows selected by `where` (n,)."""
     mask: Bools = where[:, None] & (np.array(DOUBTS) == word)
     return mask
 
@@ -306,12 +329,12 @@ def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, th
 
 
 def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) -> list[_Doubt]:
-    """Rename possible switches to the identities after one more group was added.
+    """Rename the identities in possible switches after one more group was added.
 
     Args:
-        doubts: with identities of `before`.
-        before: fused tracks without the group.
-        after: fused tracks with it.
+        doubts: possible switches with identities of `before`.
+        before: fused tracks without the new group.
+        after: fused tracks with it, at the same times.
     """
     named: dict[int, tuple[Ints, Ints]] = {}
     groups = before.source_ids[0].count(",") + 1 if len(before) else 0
@@ -332,9 +355,10 @@ def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) ->
 
 
 def _events(tracks: JoinedTracks, doubts: list[_Doubt], times: Ints) -> Events:
-    """Track initiations (first row of an identity), terminations (time step after the last), possible switches.
+    """Build the events: initiations (first row of an identity), terminations (time step after its last), switches.
 
-    `times` (T,) are all time steps [ns].
+    An identity that lasts to the last time step has no termination. `doubts` are the possible switches, `times`
+    (T,) all time steps [ns].
     """
     ids, first = np.unique(tracks.target_id, return_index=True)
     last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]

@@ -37,14 +37,14 @@ def send(pipe: IO[bytes], header: Mapping[str, Any], arrays: Feeds) -> None:
 
 
 def receive(pipe: IO[bytes], most: float = math.inf) -> tuple[dict[str, Any], dict[str, NDArray[np.generic]]]:
-    """Read a message.
+    """Read a message, with checks of types and sizes.
 
     Args:
-        pipe: where it comes from.
-        most: bytes of its arrays that are taken.
+        pipe: pipe to read from.
+        most: maximum number of bytes of its arrays.
 
     Returns:
-        its header, and its arrays by name, which may be written to.
+        Its header, and its writable arrays by name.
 
     Raises:
         EOFError: the other process has ended.

@@ -52,9 +52,10 @@ def _run(network: Runtime, feeds: Feeds) -> tuple[Runtime, dict[str, str], Feeds
 
 
 def _answered(out: IO[bytes], work: Callable[[], tuple[Runtime, dict[str, str], Feeds]]) -> Runtime | None:
-    """Answer on `out` with the result of some work; return the network, None if the work failed.
+    """Do some work, and write its result to `out`; return the loaded network.
 
-    An InputError or UsageError is the answer then.
+    If the work raises InputError or UsageError, that is written instead, and None returned. `work` returns the network,
+    header and arrays of the answer.
     """
     try:
         network, header, arrays = work()

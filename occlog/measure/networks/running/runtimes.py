@@ -22,7 +22,7 @@ from .messages import Feeds
 
 
 class Runtime(Protocol):
-    """Interface of a network that is loaded in a runtime."""
+    """Interface of a network that is loaded in an inference runtime."""
 
     @property
     def called(self) -> str:
@@ -33,16 +33,16 @@ class Runtime(Protocol):
 
 
 def load(model: OnnxFile, runtime: str, threads: int) -> Runtime:
-    """Load a network.
+    """Load a network in an inference runtime.
 
     Args:
-        model: what its file states.
-        runtime: one of `config`'s.
-        threads: that the network may use; OpenCV takes those of `opencv_threads`.
+        model: description of the ONNX file.
+        runtime: `opencv`, `onnxruntime` or `openvino`.
+        threads: number of threads that the network may use; OpenCV takes those of `opencv_threads`.
 
     Raises:
-        InputError: the program cannot load it.
-        UsageError: the program is not installed.
+        InputError: the runtime cannot load it.
+        UsageError: the runtime is not installed.
     """
     if runtime == OPENCV:
         return _OpenCv(model)
@@ -51,7 +51,7 @@ def load(model: OnnxFile, runtime: str, threads: int) -> Runtime:
 
 @contextmanager
 def opencv_threads(threads: int) -> Iterator[None]:
-    """Context manager: set the number of OpenCV threads, and silence its messages."""
+    """Context manager: set the number of OpenCV threads, and silence its messages; both are restored at the end."""
     log = cv2.utils.logging
     before, level = cv2.getNumThreads(), log.getLogLevel()
     cv2.setNumThreads(threads)
@@ -64,7 +64,7 @@ def opencv_threads(threads: int) -> Iterator[None]:
 
 
 def _extra(name: str) -> ModuleType:
-    """Import the Python module of an optional runtime."""
+    """Import the Python module of an optional runtime; UsageError if it is not installed."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -79,10 +79,10 @@ def _as_input_error(model: OnnxFile, called: str, errors: tuple[type[Exception],
     """Context manager that converts errors of a runtime to InputError.
 
     Args:
-        model: the network.
+        model: description of the network's file.
         called: name of the runtime, for the message.
-        errors: types that are converted.
-        does: what it cannot do, a verb.
+        errors: exception types that are converted.
+        does: verb for the message: what the runtime cannot do with the network.
     """
     try:
         yield

@@ -34,13 +34,13 @@ class SubprocessRuntime:
         """Start the process and load the network.
 
         Args:
-            model: what its file states.
-            runtime: one of `config`'s.
-            threads: that the network may use.
+            model: description of the ONNX file.
+            runtime: `opencv`, `onnxruntime` or `openvino`.
+            threads: number of threads that the network may use.
 
         Raises:
-            InputError: the program cannot load it, or ends in doing so.
-            UsageError: the program is not installed.
+            InputError: the runtime cannot load it, or crashes in doing so.
+            UsageError: the runtime is not installed.
         """
         self._model = model
         self.called = runtime
@@ -58,10 +58,10 @@ class SubprocessRuntime:
         self.called = str(self._ask(job, {}, "loading")[0].get("called", runtime))
 
     def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
-        """The outputs by name.
+        """Run the network on inputs by name; return the outputs by name.
 
         Raises:
-            InputError: the runtime fails, ends, or returns more than `MAX_OUTPUT_BYTES`.
+            InputError: the runtime fails, crashes, or returns more than `MAX_OUTPUT_BYTES`.
         """
         return self._ask({}, feeds, "running")[1]
 
@@ -86,7 +86,7 @@ class SubprocessRuntime:
         return answer, found
 
     def _death(self) -> str:
-        """Describe how the process of the runtime ended."""
+        """Describe how the process ended, for messages; waits for it."""
         return exit_description(self._process.wait(), f"{SECONDS} s of each thread")
 
 

@@ -22,8 +22,8 @@ MOST = 0.5
 def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
     """Table of the share of random positions with probability within some sigma of Monte Carlo, for each form.
 
-    Every run has `steps` positions and as many priors; each is compared with 16 draws of the
-    occluder a position, at least 1,000 and at most 10,000 (the paper does not state how many).
+    Every run has `size.steps` positions, each with its own prior of one occluder; it is compared with 16 draws of the
+    occluder per position, at least 1,000 and at most 10,000 (the paper does not state how many).
     """
     draws = min(10_000, max(1_000, 16 * size.steps))
     shares: dict[tuple[str, float], list[float]] = {(name, k): [] for name in FORMS for k in TOLERANCES}
@@ -47,7 +47,7 @@ def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def _random(n: int, rng: np.random.Generator) -> tuple[Floats, Priors]:
-    """Draw positions (n, 2), 5 to 30 units from the camera at the origin, each with a prior near its line of sight."""
+    """Draw n positions (n, 2), 5 to 30 units from a camera at the origin, a prior near the line of sight of each."""
     angle, distance = rng.uniform(-math.pi, math.pi, n), rng.uniform(5.0, 30.0, n)
     positions = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     along, across = rng.uniform(-0.1, 1.2, n), rng.uniform(-6.0, 6.0, n)
@@ -72,9 +72,9 @@ def _covariances(priors: Priors) -> Floats:
 
 
 def _diagonal(positions: Floats, priors: Priors, form: int) -> Floats:
-    """Return the probabilities (n,) that the occluder of prior i hides position i, by the form of that number.
+    """Probabilities (n,) that the occluder with prior i hides position i from a camera at the origin.
 
-    `positions` (n, 2) are seen from a camera at the origin; `priors` are n.
+    `positions` is (n, 2), `priors` are n; `form` is the number of the form of [Ercan] Eq. 7 (see `blocking`).
     """
     camera = np.zeros(2)
     return np.array(
@@ -83,13 +83,13 @@ def _diagonal(positions: Floats, priors: Priors, form: int) -> Floats:
 
 
 def _monte_carlo(positions: Floats, priors: Priors, draws: int, rng: np.random.Generator) -> Floats:
-    """Return the shares (n,) of drawn occluders whose centre is in the rectangle from the camera to the position.
+    """Shares (n,) of drawn occluders with a centre in the rectangle from the camera to the position, `DIAMETER` wide.
 
     Args:
-        positions: (n, 2), seen from a camera at the origin.
-        priors: n, one for each.
+        positions: (n, 2) positions, seen from a camera at the origin.
+        priors: n priors, one for each position.
         draws: number of occluders drawn from each.
-        rng: random numbers.
+        rng: random generator.
     """
     out = np.empty(len(positions))
     e = priors.axis
@@ -104,7 +104,7 @@ def _monte_carlo(positions: Floats, priors: Priors, draws: int, rng: np.random.G
 
 
 def judge17(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statement about Fig. 17 that most of the positions are within the tolerance."""
+    """Verdicts on [Ercan] Fig. 17: whether most of the positions are within the tolerance, for each form."""
     out = []
     rule = f"more than {MOST:.0%} of the positions; in part from half of that"
     for name in FORMS:

@@ -60,13 +60,13 @@ ROOT_2 = math.sqrt(2.0)
 
 
 def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats:
-    """Return (L, M) probabilities q that occluder j hides a position from a camera; ValueError for an unknown form.
+    """(L, M) probabilities q that occluder j hides a position from a camera; ValueError for an unknown form.
 
     Args:
         xy: (L, 2) positions.
-        camera_xy: (2,) the camera.
-        priors: M priors.
-        form: PRINTED, IMPROVED or QUADRATURE; they differ for normal priors with an area alone.
+        camera_xy: (2,) ground position of the camera.
+        priors: priors of M occluders.
+        form: PRINTED, IMPROVED or QUADRATURE; they differ only for normal priors of two dimensions.
     """
     if form not in (PRINTED, IMPROVED, QUADRATURE):
         raise ValueError(f"form must be 0 to {len(FORMS) - 1}, not {form}")
@@ -83,13 +83,16 @@ def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats
 
 
 def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floats:
-    """Return the probabilities (L, N, M) that occluder j hides a position from a camera; see `blocking`.
+    """(L, N, M) probabilities that occluder j hides each of L positions from each of N cameras.
 
     Args:
         xy: (L, 2) positions.
-        cameras: (N, 2) positions of cameras.
-        priors: M priors.
-        form: PRINTED, IMPROVED or QUADRATURE.
+        cameras: (N, 2) ground positions of the cameras.
+        priors: priors of M occluders.
+        form: PRINTED, IMPROVED or QUADRATURE; they differ only for normal priors of two dimensions.
+
+    Raises:
+        ValueError: an unknown form.
     """
     out = np.zeros((len(xy), len(cameras), len(priors.sigma)))
     for i, camera in enumerate(cameras):
@@ -99,14 +102,14 @@ def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floa
 
 @kernel
 def _exact_into(out: Floats, xy: Floats, camera: Floats, priors: Priors, which: Bools) -> None:
-    """Write exact probabilities to the columns of `out` (L, M) in the mask `which` (M,), in place.
+    """Write exact probabilities, in place, to the columns of `out` that are selected by the mask `which`.
 
     Args:
-        out: probability that each of M occluders hides each of L positions.
+        out: (L, M) probability that each of M occluders hides each of L positions, filled.
         xy: (L, 2) positions.
-        camera: (1, 2) position of the camera.
-        priors: M priors.
-        which: mask of the columns.
+        camera: (1, 2) ground position of the camera.
+        priors: priors of M occluders.
+        which: (M,) mask of the columns.
     """
     for j in range(which.shape[0]):
         if which[j]:
@@ -115,13 +118,13 @@ def _exact_into(out: Floats, xy: Floats, camera: Floats, priors: Priors, which: 
 
 
 def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> Floats:
-    """Return (L, m) q of Eq. 7, or of its improved form, in the letters of [Ercan] Sec. 4.2 and App. C.
+    """(L, m) probabilities q of Eq. 7, or of its improved form, in the letters of [Ercan] Sec. 4.2 and App. C.
 
     Args:
-        x: (L, 2) positions, from the camera.
-        mean: (m, 2) means, from the camera.
-        priors: of which the axes and standard deviations are taken.
-        which: (M,) the m priors.
+        x: (L, 2) positions relative to the camera.
+        mean: (m, 2) means of the priors relative to the camera.
+        priors: M priors, of which axes, standard deviations and radii are used.
+        which: (M,) mask of the m priors.
         form: PRINTED or IMPROVED.
     """
     sigma, minor, R = priors.sigma[which], priors.minor[which], priors.radius[which]
@@ -150,7 +153,7 @@ def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> F
 
 
 def _normal_between(low: Floats, high: Floats) -> Floats:
-    """Return the probability that a standard normal is between low and high, elementwise, accurate in the tails."""
+    """Probability that a standard normal number is between low and high, elementwise, accurate in the tails."""
     low, high = np.broadcast_arrays(low / ROOT_2, high / ROOT_2)
     flip = high < 0.0
     low, high = np.where(flip, -high, low), np.where(flip, -low, high)
@@ -164,37 +167,45 @@ MOST_CAMERAS = 16
 
 
 def recursion(q: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """Return (L,) p(eta | u) by Eqs. 8-9, at least `floor`.
+    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, by [Ercan] Eqs. 8-9.
 
     Args:
-        q: (L, N, M) of `occlog.papers.ercan.formulas.blocking`.
-        eta: (N,) true: the camera sees the position.
-        floor: least value, >= 0.
+        q: (L, N, M) probabilities that occluder j hides a position from camera i, by `blocking_all`.
+        eta: (N,) mask of the cameras that see the position.
+        floor: least value of the result, >= 0.
     """
     return pattern(seen_by_recursion(q), eta, floor)
 
 
 def independent(q: Floats, eta: Bools) -> Floats:
-    """Return (L,) p(eta | u) with cameras independent of each other, never below 0: q (L, N, M), eta (N,)."""
+    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, if cameras were independent.
+
+    `q` (L, N, M) are the probabilities that occluder j hides a position from camera i, `eta` (N,) the mask.
+    """
     seen = np.prod(1.0 - q, axis=2)
     return np.asarray(np.prod(np.where(eta, seen, 1.0 - seen), axis=1), dtype=np.float64)
 
 
 def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float = 0.0) -> Floats:
-    """Return (L,) p(eta | u) without an assumption about overlaps, at least `floor`.
+    """(L,) p(eta | u): probability that exactly the cameras of `eta` see a position, by the exact p_Q of all subsets.
+
+    Overlaps of the cameras' rectangles are taken into account.
 
     Args:
         xy: (L, 2) positions.
-        cameras: (N, 2) positions.
-        priors: of the occluders.
-        eta: (N,) true: the camera sees the position.
-        floor: least value, >= 0; rounding alone may give -1e-16.
+        cameras: (N, 2) ground positions of the cameras.
+        priors: priors of the occluders.
+        eta: (N,) mask of the cameras that see the position.
+        floor: least value of the result, >= 0; rounding alone may give -1e-16.
     """
     return pattern(seen_exactly(xy, cameras, priors), eta, floor)
 
 
 def seen_by_recursion(q: Floats) -> Floats:
-    """Return (L, 2^N) p_Q of Eq. 8 from q (L, N, M), with 1 - sum q clipped at 0."""
+    """(L, 2^N) p_Q of [Ercan] Eq. 8: probability that all cameras of a subset Q see a position, from q (L, N, M).
+
+    Column Q has bit i set for camera i; factors 1 - sum q are clipped at 0.
+    """
     L, N, M = q.shape
     _check(N)
     sums = np.zeros((1 << N, L, M))
@@ -205,7 +216,10 @@ def seen_by_recursion(q: Floats) -> Floats:
 
 
 def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
-    """Return (L, 2^N) p_Q for positions xy (L, 2) and cameras (N, 2), with unions of rectangles."""
+    """(L, 2^N) p_Q: exact probability that all cameras of a subset Q see each of the positions xy (L, 2).
+
+    Column Q has bit i set for camera i; `cameras` is (N, 2). ValueError for more than `MOST_CAMERAS`.
+    """
     _check(len(cameras))
     return np.asarray(
         _seen_exactly(
@@ -215,11 +229,11 @@ def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """Return p(eta) (L,) from p_Q by Eq. 9 written out, at least `floor`.
+    """(L,) p(eta): probability that exactly the cameras of `eta` see a position, from p_Q by [Ercan] Eq. 9.
 
     Args:
-        seen: (L, 2^N) p_Q of every subset Q of N cameras.
-        eta: (N,) whether camera i sees the position.
+        seen: (L, 2^N) p_Q: probability that all cameras of the subset Q see it, by the subset's number.
+        eta: (N,) mask of the cameras that see the position.
         floor: least value returned.
     """
     base, hidden = _number(eta), _number(~np.asarray(eta, dtype=np.bool_))
@@ -233,9 +247,10 @@ def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
 
 
 def patterns(seen: Floats) -> Floats:
-    """Return p(eta) (L, 2^N) of all eta at once, not floored; column = sum of eta_i 2^i.
+    """(L, 2^N) p(eta): probabilities of all patterns eta of cameras that see a position; column = sum of eta_i 2^i.
 
-    They sum to p of the empty set, which is 1. `seen`: (L, 2^N) p_Q of every subset Q of N cameras.
+    They sum to 1, and are not limited below. `seen` (L, 2^N) has p_Q, the probability that all cameras of the
+    subset Q see it.
     """
     out = seen.copy()
     columns: Ints = np.arange(seen.shape[1], dtype=np.int64)
@@ -256,7 +271,7 @@ def _seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def _number(eta: Bools) -> int:
-    """Return the number of a subset of cameras: bit i is set if `eta` (N,) is True at i."""
+    """Number of a subset of cameras: bit i is set if `eta` (N,) is True at i."""
     return sum(1 << i for i, one in enumerate(eta) if one)
 
 

@@ -51,7 +51,7 @@ ORTHOGONAL, OPPOSITE = "error with two orthogonal cameras", "error with two oppo
 
 
 def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Table of the quantities of every run; x counts cameras for the approximations, and is NaN elsewhere."""
+    """Table of the checked quantities of every run; x is the number of cameras for the approximations, else NaN."""
     rows: dict[tuple[str, float], list[float]] = {}
     for run in range(size.runs):
         rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(run, 2013)))
@@ -65,9 +65,10 @@ def equations(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Return the mean of Eq. 2, with the square and without, over the variance of readings by drawn cameras.
+    """Mean ratio of the variance by [Ercan] Eq. 2 to that of drawn readings; with and without the printed square.
 
-    Without noise of the readout, which is in both as it is. `n_points`: number of depths.
+    At the edge of the image, without noise of the readout. `n_points` is the number of random depths. The keys are
+    name and x (NaN).
     """
     d = rng.uniform(*DEPTHS, n_points)
     h = d * math.tan(0.5 * FOV)
@@ -87,9 +88,9 @@ def _noise(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], f
 
 
 def _occlusions(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Return distances from the exact p(eta), and how two close cameras depend on each other, by (name, x).
+    """Mean distances from the exact p(eta) by (name, x), and how much two close cameras depend on each other.
 
-    They are means over `n_points` random positions.
+    x is the number of cameras. The means are over `n_points` random positions.
     """
     xy, priors = rng.uniform(0.0, SIDE, (n_points, 2)), _priors(rng)
     ground = np.array([SQUARE[n - 1][:2] for n in SQUARE_ORDER], dtype=np.float64)
@@ -113,9 +114,9 @@ def _priors(rng: np.random.Generator) -> Priors:
 
 
 def _independent(q: Floats) -> Floats:
-    """Return p(eta) (L, 2^N) of all eta with cameras independent of each other.
+    """(L, 2^N) p(eta) of all patterns eta of seeing cameras, if cameras were independent; column = sum of eta_i 2^i.
 
-    `q`: (L, N, M) probabilities that occluder j hides a position from camera i.
+    `q` (L, N, M) are the probabilities that occluder j hides a position from camera i.
     """
     seen, out = np.prod(1.0 - q, axis=2), np.ones((len(q), 1))
     for i in range(seen.shape[1]):  # camera i is bit i of the column
@@ -124,9 +125,9 @@ def _independent(q: Floats) -> Floats:
 
 
 def _cameras(rng: np.random.Generator, n_points: int) -> dict[tuple[str, float], float]:
-    """Return what cameras of Fig. 5 see of the empty room, and the error of two of them, by (name, x).
+    """Share of the empty room that cameras of [Ercan] Fig. 5 see, and the error of pairs of them, by (name, NaN).
 
-    They are means over `n_points` random positions, without occlusions.
+    Means over `n_points` random positions, without occlusions.
     """
     xy = rng.uniform(0.0, SIDE, (n_points, 2))
     share = {n: float(np.mean(_in_view(xy, SQUARE[n - 1]))) for n in SQUARE_ORDER}
@@ -144,9 +145,10 @@ def _in_view(xy: Floats, position: Place) -> Floats:
 
 
 def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
-    """Return the RMS of the least error at positions `xy` (N, 2): two readings by Eq. 2, and a uniform prior.
+    """Root mean square, over positions `xy` (N, 2), of the least error of two cameras' readings ([Ercan] Eq. 2).
 
-    `pair`: numbers of the two cameras in `SQUARE`.
+    By the inverse information, with a prior that has the variance of a uniform distribution over the room. `pair` has
+    the numbers of the two cameras in `SQUARE`, from 1.
     """
     information = np.tile(12.0 / SIDE**2 * np.eye(2), (len(xy), 1, 1))
     for n in pair:
@@ -161,7 +163,7 @@ def _error_of(xy: Floats, pair: tuple[int, int]) -> float:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements of Secs. 3.1, 4.2 and 6.1 and of App. B."""
+    """Verdicts on the statements of [Ercan] Secs. 3.1, 4.2 and 6.1 and of App. B, from the table of `equations`."""
     own = {row.series: row for row in table if math.isnan(row.x)}
     return [*_judge_noise(own), *_judge_occlusions(table, own), *_judge_cameras(own)]
 

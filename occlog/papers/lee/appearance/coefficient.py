@@ -28,17 +28,17 @@ LAYOUT, ORDER, BEYOND = "layout changed", "order of the bins changed", "outside 
 
 
 def coefficient_trial(spec: Spec) -> dict[str, float]:
-    """Draw objects of a random density and measure their coefficients.
+    """Draw samples of random densities and measure Bhattacharyya coefficients of their histograms.
 
     Args:
-        spec: `values` (of each histogram), `seed` and `run`.
+        spec: `values` (number of values in each histogram), `seed` and `run`.
 
     Returns:
-        `same-M`, two samples of one even density of M bins, `few-M`, the same of a quarter of the values, and
-        `same-closed-M` and `few-closed-M`, 1 less the bias in closed form; `two-M` of two
-        objects of normal grey levels with other means; `shift-S`, of the two in bins with end points S widths
-        further; `layout` and `order`, how much the coefficient changes when the pixels of one are
-        put in another order, and when the bins of both are; `beyond`, how far any coefficient is outside of [0, 1].
+        `same-M`: two samples of a uniform density of M bins; `few-M`: with a quarter of the values; `same-closed-M`
+        and `few-closed-M`: 1 less the bias in closed form; `two-M`: two objects of normal grey levels with
+        different means; `shift-S`: the two in bins with end points S widths further; `layout` and `order`: change
+        of the coefficient when the pixels of one are permuted, and when the bins of both are; `beyond`: how far any
+        coefficient is outside of [0, 1].
     """
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)))
     n = int(spec["values"])
@@ -66,9 +66,9 @@ def coefficient_trial(spec: Spec) -> dict[str, float]:
 
 
 def _histogram(grey: Floats, bins: int, shift: float) -> Floats:
-    """Return the histogram of `grey` levels (0 to 256) with shares that sum to 1, of `bins` bins.
+    """Histogram of the levels `grey` (n,), 0 to 256, with shares that sum to 1, of `bins` bins.
 
-    `shift`: shift of the levels, as a share of the bin width; above 0 there is one bin more.
+    The levels are shifted by `shift` bin widths; above 0 there is one bin more.
     """
     width = GREY / bins
     index = np.floor((grey + shift * width) / width).astype(np.int64)
@@ -80,7 +80,7 @@ def _rho(a: Floats, b: Floats) -> float:
 
 
 def coefficients(size: Size, execute: Execute) -> Table:
-    """Return the table of the coefficients against the number of bins, and the changes that should change nothing.
+    """Table of the coefficients against the number of bins, and of changes that should have no effect.
 
     Steps are values of each histogram.
     """
@@ -105,7 +105,7 @@ EXACT = 1e-12
 
 
 def judge_coefficients(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements of the thesis about the coefficient, and this project's about its bias."""
+    """Verdicts on the Bhattacharyya coefficient of histograms ([Lee] Sec. 5.2.1): range, what changes it, bias."""
     two = v.series(table, TWO)
     return [
         _nothing(table, "range", BEYOND, "The coefficient is in the range 0 to 1; farthest outside."),
@@ -141,12 +141,12 @@ def judge_coefficients(table: Table) -> list[StatementVerdict]:
 
 
 def _nothing(table: Table, key: str, series: str, statement: str, paper: float | None = None) -> StatementVerdict:
-    """Return the verdict on whether a quantity is 0 in every run, up to rounding.
+    """Verdict on whether a quantity is 0 in every run, up to rounding.
 
     Args:
-        table: of the experiment.
+        table: table of the experiment.
         key: id of the verdict.
-        series: of the quantity.
+        series: name of the quantity.
         statement: text of the statement.
         paper: printed number; None: none.
     """

@@ -42,14 +42,17 @@ ANYWAY, SUSPENDED, LEFT = "decided anyway", "suspended", "share that is suspende
 
 
 class Heads(NamedTuple):
-    """Heads of P people at A angles, S images of each, as counts of colours."""
+    """Colour counts (P, A, S, m) of the heads of P people at A angles, in S images each, in m bins.
+
+    `angle` (A,) is the index of each angle, 0 (front) to N - 1 (back).
+    """
 
     counts: Floats  # (P, A, S, m)
     angle: Ints  # (A,) position of the angle, 0 (front) to N - 1
 
 
 def people_of(kind: str, rng: np.random.Generator) -> Clothes:
-    """Draw `PEOPLE` people in equal clothes who differ in skin and hair (`kind` `different`), or hardly (`similar`)."""
+    """Draw `PEOPLE` people in equal clothes: of different skin and hair (`kind` "different"), else nearly alike."""
     wide = kind == "different"
     tone = rng.uniform(0.35, 1.05, PEOPLE) if wide else 0.85 + rng.uniform(-0.02, 0.02, PEOPLE)
     dark = rng.uniform(0.1, 0.8, PEOPLE) if wide else 0.25 + rng.uniform(-0.02, 0.02, PEOPLE)
@@ -63,7 +66,7 @@ def people_of(kind: str, rng: np.random.Generator) -> Clothes:
 
 
 def studio() -> Canvas:
-    """A canvas of the position where heads are seen, by a camera that points along the x axis."""
+    """Canvas of a camera that points along the x axis at the origin, where heads are seen, on black."""
     width, height = IMAGE
     camera = Camera(
         "studio",
@@ -79,13 +82,13 @@ def studio() -> Canvas:
 def head_counts(
     canvas: Canvas, people: Clothes, angle: float, rng: np.random.Generator, gain: float, levels: list[int]
 ) -> list[Floats]:
-    """Return for each number of levels the pixels (P, m) of each of m colours of the heads of P people.
+    """Numbers of pixels (P, m) in each of m colour bins of the heads of P people, for each number of levels.
 
     Args:
-        canvas: of the camera.
-        people: P people.
-        angle: from which they are seen [rad]; 0 is the front.
-        rng: phase of the walk, and noise of the image.
+        canvas: canvas of the camera.
+        people: clothes of P people.
+        angle: viewing angle [rad]; 0 is the front.
+        rng: generator of gait phases and image noise.
         gain: factor of the light.
         levels: numbers of levels of each colour channel.
     """
@@ -104,7 +107,7 @@ def head_counts(
 
 
 def heads(size: Size) -> Shots:
-    """Draw the heads of four different people at every angle of the gallery."""
+    """Pictures of the heads of four different people at every angle of the gallery."""
     rng = np.random.default_rng(size.seed)
     canvas, people = studio(), people_of("different", rng)
     step = math.pi / (ANGLES - 1)
@@ -128,13 +131,13 @@ def heads(size: Size) -> Shots:
 
 
 def head_image(canvas: Canvas, one: Clothes, angle: float, phase: float, gain: float) -> Bytes:
-    """Return the image of the head of one person on black, without noise.
+    """BGR image of one person on black, without noise, in the camera that is directed at heads.
 
     Args:
-        canvas: of the camera.
-        one: clothes of one person.
-        angle: from which it is seen [rad]; 0 is the front.
-        phase: of the walk [rad].
+        canvas: canvas of the camera.
+        one: clothes of the person.
+        angle: viewing angle [rad]; 0 is the front.
+        phase: phase of the gait [rad].
         gain: factor of the light.
     """
     # The camera is towards -x: who heads there is seen from the front
@@ -144,15 +147,16 @@ def head_image(canvas: Canvas, one: Clothes, angle: float, phase: float, gain: f
 
 
 def faces_trial(spec: Spec) -> dict[str, float]:
-    """Draw all people once for the gallery and `probes` times as candidates, at every angle, and distinguish them.
+    """Draw all people once for the gallery and `probes` times as candidates, at every angle, and identify these.
 
     Args:
         spec: `probes`, `seed` and `run`.
 
     Returns:
-        For each kind of people `rank1-KIND-bins-M` and `auc-KIND-bins-M` with all angles, `rank1-KIND-angles-N` and
-        `auc-...` by number of angles in the gallery (`angles-0`: all sides together), and by the number K of angles
-        known `false-KIND-anyway-K` and `false-KIND-suspended-K`, the shares of false decisions, and `left-KIND-K`.
+        For each kind of people `rank1-KIND-bins-M` and `auc-KIND-bins-M` with all angles, by number M of bins;
+        `rank1-KIND-angles-N` and `auc-...` by number N of angles in the gallery (0: all sides together); and by the
+        number K of known angles the shares of false decisions `false-KIND-anyway-K` and `false-KIND-suspended-K`,
+        and the share `left-KIND-K` of suspended ones.
     """
     run = np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),))
     canvas, levels, probes = studio(), list(LEVELS), int(spec["probes"])
@@ -186,9 +190,9 @@ def faces_trial(spec: Spec) -> dict[str, float]:
 
 
 def similarities(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
-    """Return (n, P) bias-corrected Bhattacharyya coefficients of candidates (n, m) with the gallery (P, A, m).
+    """(n, P) bias-corrected Bhattacharyya coefficients of candidates (n, m) with a gallery (P, A, m), colour counts.
 
-    Each candidate is compared at its angle (n,), an index of the A angles.
+    Each candidate is compared at its angle, an index (n,) of the A angles.
     """
     out = np.empty((len(candidates), len(gallery)))
     for a in np.unique(angle).tolist():
@@ -201,12 +205,12 @@ def similarities(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
 
 
 def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
-    """Return rank-1 and AUC by number of gallery angles; each candidate is compared with the nearest of them.
+    """Rank-1 rates and AUC by number of gallery angles; each candidate is compared with the nearest of them.
 
     Args:
-        kind: of people, part of the names.
-        gallery: (P, `ANGLES`, m) colours of P people.
-        candidates: (n, m) colours.
+        kind: kind of people, part of the names of the figures.
+        gallery: (P, `ANGLES`, m) colour counts of P people.
+        candidates: (n, m) colour counts.
         owner: (n,) person of each candidate.
         at: (n,) index of its angle.
     """
@@ -224,17 +228,21 @@ def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
 
 
 def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
-    """Return false decisions (is this the person or not) with the front part of a gallery, with and without suspending.
+    """Shares of false decisions (is this the person or not) by a partial gallery, with and without suspending.
 
-    The threshold is that at which, of candidates at angles that the gallery has, as large a share of the right ones
-    is refused as of the wrong ones is accepted.
+    The gallery has its first angles only. The threshold gives equal shares of refused right and accepted wrong pairs at
+    angles that it has. As many right as wrong pairs count.
 
     Args:
-        kind: of people, part of the names.
-        gallery: (P, `ANGLES`, m) colours of P people.
-        candidates: (n, m) colours.
-        owner: (n,) person of each candidate.
-        at: (n,) index of its angle.
+        kind: key of `KINDS`, in the names of the figures.
+        gallery: (P, ANGLES, m) colour counts of P people.
+        candidates: (n, m) colour counts to be recognised.
+        owner: (n,) index of each candidate's person.
+        at: (n,) index of the angle that it was seen at.
+
+    Returns:
+        By kind and number of angles that the gallery has: `false-...-anyway`, `false-...-suspended` without the
+            candidates at missing angles, and `left-...`, the share of those.
     """
     out = {}
     same = owner[:, None] == np.arange(PEOPLE)
@@ -252,7 +260,7 @@ def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: 
 
 
 def equal_error(like: Floats, same: Bools) -> float:
-    """Return the threshold with the most equal shares of right pairs below it and wrong pairs at or above it.
+    """Threshold with the most nearly equal shares of right pairs below it and of wrong pairs at or above it.
 
     Args:
         like: likeness of pairs.
@@ -270,7 +278,10 @@ def _run(size: Size, execute: Execute) -> list[dict[str, float]]:
 
 
 def by_bins(size: Size, execute: Execute) -> Table:
-    """Return the table of rank-1 and AUC against the number of bins; steps are candidates of each person and angle."""
+    """Table of rank-1 rate and AUC of the recognition of faces by colour, against the number of histogram bins.
+
+    `size.steps` is the number of candidates of each person and angle.
+    """
     found = _run(size, execute)
     return [
         PaperRow(f"{words}, {name}", m, tuple(f[f"{key}-{kind}-bins-{m}"] for f in found))
@@ -281,7 +292,10 @@ def by_bins(size: Size, execute: Execute) -> Table:
 
 
 def by_angles(size: Size, execute: Execute) -> Table:
-    """Return the table of rank-1 and AUC against the number of angles; all sides together is a line across."""
+    """Table of rank-1 rate and AUC of the recognition of faces by colour, against the number of angles in the gallery.
+
+    One histogram of all sides is a line across. `size.steps` is the number of candidates of each person and angle.
+    """
     found = _run(size, execute)
     rows = []
     for kind, words in KINDS.items():
@@ -293,7 +307,7 @@ def by_angles(size: Size, execute: Execute) -> Table:
 
 
 def by_suspension(size: Size, execute: Execute) -> Table:
-    """Return the table of the share of false decisions against the number of angles that the gallery has of seven."""
+    """Table of the share of false decisions on faces against the number of angles, of seven, that the gallery has."""
     found = _run(size, execute)
     rows = []
     for kind, words in KINDS.items():
@@ -306,7 +320,7 @@ def by_suspension(size: Size, execute: Execute) -> Table:
 
 
 def judge_bins(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on whether different people are separable and similar ones challenging."""
+    """Verdicts on whether faces of different people are separable by colour, and those of similar people less so."""
     out = []
     for name in ("rank-1", "AUC"):
         statement = (
@@ -345,7 +359,7 @@ def judge_angles(table: Table) -> list[StatementVerdict]:
 
 
 def judge_suspension(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on whether suspending avoids false decisions."""
+    """Verdicts on whether decisions are less often false if suspended until a known side of the face is seen."""
     return [
         v.pairs(
             f"suspend-{kind}",

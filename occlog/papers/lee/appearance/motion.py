@@ -40,7 +40,7 @@ STILL = 0.25
 
 
 def camera_of(number: int) -> Camera:
-    """Return a camera directed at the room's middle from its side."""
+    """Camera with this number, directed horizontally towards the room's middle from its side."""
     side, lateral = PLACES[number]
     angle = math.radians(side)
     out, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
@@ -55,12 +55,12 @@ def camera_of(number: int) -> Camera:
 
 
 def seen_motion(camera: Camera, start: Floats, direction: float) -> tuple[Floats, Floats]:
-    """Return the movement to the right and the growth of people's boxes, as shares of box width and height.
+    """Movement to the right and growth of people's boxes (n,), as shares of box width and height.
 
     Args:
-        camera: in which.
-        start: (n, 2) where they are.
-        direction: they walk `STEP` there [rad from east].
+        camera: camera that sees them.
+        start: (n, 2) positions before.
+        direction: direction in which they walk `STEP` [rad from east].
     """
     after = start + STEP * np.array([math.cos(direction), math.sin(direction)])
     a, b = (expected_boxes(camera, xy, PERSON) for xy in (start, after))
@@ -69,14 +69,14 @@ def seen_motion(camera: Camera, start: Floats, direction: float) -> tuple[Floats
 
 
 def motion_trial(spec: Spec) -> dict[str, float]:
-    """Return the share of people near the middle for whom each printed statement holds.
+    """Shares of people near the middle for whom each printed statement holds.
 
     Args:
         spec: `people`, `seed` and `run`.
 
     Returns:
-        `DIRECTION-CAMERA` for the printed statements; `similar`, share of cameras in which two people who walk the same
-        way, in any direction, show the same signs; `apart`, the same of two who walk opposite ways.
+        `DIRECTION-CAMERA` for the printed statements; `alike`: share of cases in which two people who walk the same
+        diagonal direction have the same signs of movement and growth in a camera; `apart`: for opposite directions.
     """
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)))
     start = rng.uniform(-AROUND, AROUND, (2 * int(spec["people"]), 2))
@@ -104,13 +104,19 @@ def motion_trial(spec: Spec) -> dict[str, float]:
 
 
 def _holds(change: Floats, sign: int, full: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return whether a change has a sign and is seen; for 0, whether it is small against a full one."""
+    """(n,) mask of changes that have a sign and are large enough to be seen; for sign 0, of small ones.
+
+    `full` is the largest change that a camera sees.
+    """
     seen = np.abs(change) > STILL * full
     return np.asarray((np.sign(change) == sign) & seen if sign else np.abs(change) < 0.5 * full)
 
 
 def motions(size: Size, execute: Execute) -> Table:
-    """Return the table of the shares for each printed statement and camera; steps are people."""
+    """Table of the share of people for whom each printed statement on apparent motion holds, by camera.
+
+    `size.steps` is the number of people.
+    """
     found = execute(
         [{"kind": "lee-motion", "people": size.steps, "seed": size.seed, "run": r} for r in range(size.runs)]
     )
@@ -125,7 +131,7 @@ def motions(size: Size, execute: Execute) -> Table:
 
 
 def judge_motions(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the detections of people who move north and north-east, and whether motion distinguishes people."""
+    """Verdicts on how people who move north and north-east appear to move, and whether motion distinguishes people."""
     out = []
     for name, figure in (("N", "5-8"), ("NE", "5-9")):
         for number in PLACES:
@@ -147,12 +153,12 @@ def judge_motions(table: Table) -> list[StatementVerdict]:
 
 
 def _share(key: str, statement: str, row: PaperRow | None) -> StatementVerdict:
-    """Return the verdict on whether a share is 1: at least .99 is reproduced, at least .5 in part.
+    """Verdict on whether a share is 1: at least .99 is reproduced, at least .5 in part.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
-        row: with the shares; None: missing.
+        row: row with the shares; None: missing.
     """
     measured = sample(() if row is None else row.values)
     rule = "a share of at least .99; in part from .5 on"

@@ -63,7 +63,11 @@ PERFORMANCE = ("bearing", "ellipse")
 
 
 class HearingChange(NamedTuple):
-    """A case of Fig. 3-8: who is heard before a time step and from it on; those in brackets are heard as one."""
+    """A case of [Lee] Fig. 3-8: groups of objects heard before and from a time step on; a group is heard as one source.
+
+    `what` describes it; `edge` are objects at the end of the range then, `close` two objects with bearings that
+    differ by the resolution.
+    """
 
     what: str
     before: tuple[tuple[int, ...], ...]
@@ -88,7 +92,7 @@ CHANGES = {
 
 
 def change_trial(spec: Spec) -> dict[str, float]:
-    """Run the thesis' filter through a change of Fig. 3-8 without answers of cameras.
+    """Run the thesis' filter through a change of [Lee] Fig. 3-8 without answers of cameras.
 
     Args:
         spec: `case`, `seed`, `run`.
@@ -123,9 +127,9 @@ def change_trial(spec: Spec) -> dict[str, float]:
 
 
 def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
-    """Draw initial positions (4, 2) [m] and velocities (4, 2) [m/s] so that the sketch holds when the change comes.
+    """Draw initial positions (4, 2) [m] and velocities (4, 2) [m/s] with which the sketch holds at the change.
 
-    `case`: objects that are close to each other or at the edge then.
+    `case` states which objects are close to each other or at the edge of the range then.
     """
     while True:
         angle = rng.uniform(-math.pi, math.pi, 4)
@@ -151,14 +155,14 @@ def _objects(case: HearingChange, rng: Generator) -> tuple[Floats, Floats]:
 
 
 def _track(config: ImmConfig, start: Floats, velocity: Floats, group: tuple[int, ...], rng: Generator) -> Track:
-    """Return a track of the first object of a group that is heard as one.
+    """Track of the first object of a group that is heard as one, started near its true state.
 
     Args:
         config: settings of the filter.
         start: (4, 2) positions of all objects [m].
-        velocity: (4, 2) [m/s].
-        group: numbers of its objects, from 1.
-        rng: random numbers of the particles.
+        velocity: (4, 2) velocities [m/s].
+        group: numbers of the group's objects, from 1.
+        rng: random generator of the particles.
     """
     i = group[0] - 1
     state = (*start[i], START_SIGMA, *velocity[i], START_SIGMA_V)
@@ -166,13 +170,13 @@ def _track(config: ImmConfig, start: Floats, velocity: Floats, group: tuple[int,
 
 
 def _scan(k: int, positions: Floats, heard: Sequence[tuple[int, ...]], rng: Generator) -> Scan:
-    """Draw the array's bearings at step k; a group is heard in the middle of its members.
+    """Draw the array's bearings at step k; a group is heard in the mean direction of its members.
 
     Args:
-        k: number of the step, in seconds.
-        positions: (4, 2) of the objects, relative to the array [m].
-        heard: groups by numbers of objects, from 1.
-        rng: noise of the bearings.
+        k: number of the step, and time in seconds.
+        positions: (4, 2) positions of the objects relative to the array [m].
+        heard: groups as numbers of objects, from 1.
+        rng: random generator of the noise.
     """
     at = np.arctan2(positions[:, 1], positions[:, 0])
     middle = [math.atan2(*(sum(f(at[n - 1]) for n in group) for f in (math.sin, math.cos))) for group in heard]
@@ -182,7 +186,7 @@ def _scan(k: int, positions: Floats, heard: Sequence[tuple[int, ...]], rng: Gene
 
 
 def changes(size: Size, execute: Execute) -> Table:
-    """Return the table of the shares of runs in which each condition holds, for every case of Fig. 3-8."""
+    """Table of the share of runs in which each trigger of [Lee] Sec. 3.3.3 fires, for every case of Fig. 3-8."""
     specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee38"} for c in CHANGES for r in range(size.runs)]
     results, rows = execute(specs), []
     for n in range(len(CHANGES)):
@@ -203,7 +207,10 @@ TITLES = {
 
 
 def judge_changes(table: Table) -> list[StatementVerdict]:
-    """Verdicts, for each case, on whether (3.14) does not fire, and whether the estimation's performance does."""
+    """Verdicts for each case of [Lee] Fig. 3-8: does (3.14), the trigger by counts, stay silent, and do others fire.
+
+    The others are (3.15) and (3.16), by the error of the estimate.
+    """
     out = []
     for n, (letter, case) in enumerate(CHANGES.items()):
         rows = {name: v.find(table, title, n + 2.0) for name, title in TITLES.items()}
@@ -222,10 +229,11 @@ def judge_changes(table: Table) -> list[StatementVerdict]:
 
 
 class Sketch(NamedTuple):
-    """A case of Figs. 3-10, 3-11 or 3-13: where the particles of each model are, as (side, along, width).
+    """A case of [Lee] Figs. 3-10, 3-11 or 3-13: where the particles of each model are, and which conditions hold.
 
-    `side` is a share of the angle from z1, the bearing of the object, to z2, that of another; `along` a share of the
-    distance from the near end to the far one; `width` a standard deviation [m].
+    `clouds` are triples (side, along, width): `side` is a share of the angle from z1, the bearing of the object, to
+    z2, that of another; `along` a share of the distance from the near end to the far one; `width` a standard
+    deviation [m]. `bearing` and `ellipse`: whether (3.15) and (3.16) fire; None: not stated.
     """
 
     clouds: tuple[tuple[float, float, float], ...]
@@ -242,10 +250,14 @@ CONDITIONS = {"bearing": "(3.15)", "ellipse": "(3.16)"}
 
 
 def sketch_trial(spec: Spec) -> dict[str, float]:
-    """Weigh the particles of a sketch by two bearings; return 1 for each condition that holds.
+    """Weight the particles of a drawn case by two bearings, and evaluate the triggers ([Lee] Sec. 3.3.3).
 
     Args:
-        spec: `case`, `seed`, `run`.
+        spec: `case`, a key of `SKETCHES`, `seed` and `run`.
+
+    Returns:
+        1 or 0: `bearing`, whether Eq. 3.15 fires (the estimate is outside the 95 % ranges of all bearings), and
+            `ellipse`, whether Eq. 3.16 does (it is outside the 95 % ellipses of all models).
     """
     case = SKETCHES[spec["case"]]
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(spec["run"], 2009, 313)))
@@ -268,7 +280,7 @@ def sketch_trial(spec: Spec) -> dict[str, float]:
 
 
 def sketches(size: Size, execute: Execute) -> Table:
-    """Return the table of the shares of runs in which (3.15) and (3.16) fire in Figs. 3-10, 3-11 and 3-13."""
+    """Table of the share of runs in which the triggers [Lee] Eqs. 3.15 and 3.16 fire in Figs. 3-10, 3-11 and 3-13."""
     specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee313"} for c in SKETCHES for r in range(size.runs)]
     results, rows = execute(specs), []
     for n, figure in enumerate(SKETCHES):
@@ -279,7 +291,7 @@ def sketches(size: Size, execute: Execute) -> Table:
 
 
 def judge_sketches(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether each of (3.15) and (3.16) fires where the text states it, and only there."""
+    """Verdicts on whether the triggers [Lee] Eqs. 3.15 and 3.16 fire where the text states it, and only there."""
     out = []
     for figure, case in SKETCHES.items():
         for name, title in CONDITIONS.items():

@@ -140,7 +140,10 @@ TEXTS = {"field": (FIELD, FIELD_PATHS), "pair": (PAIR, FIELD_PATHS), "room": (RO
 
 
 class Environment(NamedTuple):
-    """A scene, the true paths of A arrays' K targets at T times, and all bearings."""
+    """A simulated scene: true paths of K targets at T times, all bearings, and what A arrays can hear.
+
+    `heard` (A, T, K) is 1 where array a can hear target k: it is present, sounds, and is in range.
+    """
 
     scene: Scene
     truth: TimeGrid
@@ -150,13 +153,13 @@ class Environment(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def environment(name: str, seed: int, run: int, variance: float | None = None) -> Environment:
-    """Simulate `open` (Fig. 3-4), `field` or `pair` (Fig. 3-7) or `room` (Sec. 3.4) with the noise of a run.
+    """Simulate `open` ([Lee] Fig. 3-4), `field` or `pair` (Fig. 3-7), or `room` (Sec. 3.4); results are cached.
 
     Args:
-        name: of the environment.
-        seed: of all random numbers.
+        name: name of the environment.
+        seed: seed of all random numbers.
         run: number of the run.
-        variance: of the arrays' noise [deg^2], above 0; None: that of the scene.
+        variance: variance of the arrays' noise [deg^2], above 0; None: that of the scene.
     """
     own = int(np.random.SeedSequence(seed, spawn_key=(run, 2009)).generate_state(1)[0])
     text, paths = (OPEN, "") if name == "open" else TEXTS[name]
@@ -183,7 +186,7 @@ def environment(name: str, seed: int, run: int, variance: float | None = None) -
 
 
 def _steps(script: MotionScript) -> tuple[int, float]:
-    """Return the number of steps of a script and the time between them [s]."""
+    """Number of steps of a script and the time between them [s]."""
     assert script.rate_hz is not None
     assert script.seconds is not None
     step_s = 1.0 / script.rate_hz
@@ -191,7 +194,7 @@ def _steps(script: MotionScript) -> tuple[int, float]:
 
 
 def _drawn_paths(rng: np.random.Generator) -> str:
-    """Draw paths from the starts of Fig. 3-4."""
+    """Draw paths from the starts of [Lee] Fig. 3-4; return them as YAML text."""
     lines = ["occlog_paths: 1", "length_unit: m", "seconds: 200", "rate_hz: 1", "targets:"]
     for number, (x, y) in enumerate(OPEN_STARTS, start=1):
         speed, side = rng.uniform(*OPEN_SPEEDS), rng.uniform(-OPEN_SIDE, OPEN_SIDE)
@@ -205,7 +208,7 @@ def _drawn_paths(rng: np.random.Generator) -> str:
 
 
 def _within(scene: Scene, positions: Floats) -> bool:
-    """Return whether all positions (T, K, 3) are inside the scene's room."""
+    """Whether all positions (T, K, 3) are inside the scene's room."""
     flat = np.ascontiguousarray(positions[..., :2].reshape(-1, 2))
     return bool(inside_polygon(flat, scene.surroundings).all())
 

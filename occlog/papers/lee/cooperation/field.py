@@ -81,7 +81,7 @@ def by_variance(size: Size, execute: Execute) -> Table:
 
 
 def judge_variance(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 3-4."""
+    """Verdicts on [Lee] Fig. 3-4: the error grows with the variance of the bearings; printed errors."""
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, f"{MEAN}, {name}")
@@ -106,14 +106,14 @@ def trials(
     scene: str = "field",
     variance: float | None = None,
 ) -> Table:
-    """Run all trials and return a row for every point, with the RMSE of each run and the means of its figures.
+    """Run the trials of all points; return a row for each, with the RMSE of each run and the means of other figures.
 
     Args:
         size: runs and steps.
         execute: runs the trials.
         points: (series, form of the filter, x, settings); an x of NaN becomes the mean number of frames.
         scene: name of the environment.
-        variance: of its noise [deg^2]; None: that of the scene.
+        variance: variance of its noise [deg^2]; None: that of the scene.
     """
     specs = [
         cooperation_spec(size, r, scene, form, variance=variance, **s)
@@ -139,7 +139,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def by_period(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the visual period, in the environment of Fig. 3-4."""
+    """Table of the RMSE against the period of asking cameras, in the environment of [Lee] Fig. 3-4."""
     periods = QUICK_PERIODS if size.quick else PERIODS
     points: list[tuple[str, str, float, Values]] = [
         (name, form, p, {"cooperate": "periodic", "period_s": p}) for name, form in FORMS.items() for p in periods
@@ -148,7 +148,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 
 
 def judge_period(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 3-6."""
+    """Verdicts on [Lee] Fig. 3-6: the shorter the period of asking cameras, the smaller the error."""
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, name)
@@ -158,7 +158,7 @@ def judge_period(table: Table) -> list[StatementVerdict]:
 
 
 def by_policy(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE against the frames that are asked for, for every policy."""
+    """Table of the RMSE against the number of camera frames that are requested, for every policy."""
     grid = QUICK_GRID if size.quick else GRID
     points: list[tuple[str, str, float, Values]] = []
     for name, form in FORMS.items():
@@ -171,7 +171,7 @@ def by_policy(size: Size, execute: Execute) -> Table:
 
 
 def judge_policy(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 3-14, and whether each policy is cheaper than a period."""
+    """Verdicts on [Lee] Fig. 3-14: the error without cameras, what each trigger adds, whether triggers save frames."""
     out = []
     none = v.find(table, f"{NONE}, {THESIS}")
     if none is not None:
@@ -194,15 +194,13 @@ def judge_policy(table: Table) -> list[StatementVerdict]:
 
 
 def _cheaper(key: str, which: str, row: PaperRow, period: list[PaperRow]) -> StatementVerdict:
-    """Return the verdict on whether a policy asks for fewer frames than the period of equal error.
-
-    By bootstrap over the runs.
+    """Verdict on whether a policy requests fewer frames than the period of equal error, by bootstrap over the runs.
 
     Args:
         key: id of the verdict.
         which: words for the policy.
-        row: of the policy.
-        period: rows of periods.
+        row: row of the policy.
+        period: rows of the periods.
     """
     statement = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
     rule = "above 0 (bootstrap over runs)"
@@ -210,9 +208,9 @@ def _cheaper(key: str, which: str, row: PaperRow, period: list[PaperRow]) -> Sta
 
 
 def saved_frames(row: PaperRow, period: list[PaperRow]) -> Measure:
-    """Return the frames of the period of equal error less those of a policy; NaN: no period has such an error.
+    """Number of frames of the period of equal error less that of a policy, with its bootstrap error.
 
-    A bootstrap sample takes the same runs of the policy and of all periods.
+    A bootstrap sample has the same runs of the policy and of all periods. NaN if no period has such an error.
     """
     errors, own = np.array([r.values for r in period]), np.array(row.values)
     frames, own_frames = np.array([_frames(r) for r in period]), _frames(row)
@@ -228,15 +226,15 @@ def _frames(row: PaperRow) -> Floats:
 
 
 def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Ints) -> float:
-    """Return the frames saved in a sample of runs; log frames are interpolated linearly in log error.
+    """Frames saved in a sample of runs, by linear interpolation of log frames over log error.
 
     NaN if the error is outside the range of those of the periods.
 
     Args:
-        errors: (R,) of a policy, by run.
-        frames: (R,) of it.
+        errors: (R,) errors of a policy, by run.
+        frames: (R,) its numbers of frames.
         of_periods: (K, R) errors of K periods.
-        frames_of: (K, R) their frames.
+        frames_of: (K, R) their numbers of frames.
         runs: indices of the runs in the sample.
     """
     wanted = math.log(errors[runs].mean())
@@ -248,7 +246,7 @@ def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats
 
 
 def by_object(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE of each object, without cameras and with the printed triggers."""
+    """Table of the RMSE of each object, without cameras and with the printed triggers, and steps between requests."""
     ways: list[tuple[str, Values]] = [(NONE, {}), (PRINTED, {"cooperate": "printed"})]
     specs = [cooperation_spec(size, r, "field", "thesis", **s) for _, s in ways for r in range(size.runs)]
     results = execute(specs)
@@ -262,7 +260,7 @@ def by_object(size: Size, execute: Execute) -> Table:
 
 
 def judge_object(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the numbers of Table 3.1."""
+    """Verdicts on the printed errors of single objects, and the mean time between requests, in [Lee] Table 3.1."""
     out = []
     for n, (name, text) in enumerate(((NONE, "without cameras"), (PRINTED, "with the printed triggers"))):
         for k, values in TABLE.items():

@@ -24,10 +24,11 @@ TRACK = "track"
 
 
 def projection_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial of `cooperation_trial`, or with `what` = "positions" one of positions.
+    """Run a trial of tracks by `cooperation_trial`, or with `what` = "places" one of positions alone.
 
     Returns:
-        Of positions: the median distance to the truth of every way and spread of the references, `WAY_SPREAD` [m].
+        Of positions: the median distance to the truth [m] as `WAY_SPREAD`, for every way to find them and spread of the
+        references.
     """
     if spec.get("what") != "places":
         return cooperation_trial(spec)
@@ -51,7 +52,7 @@ def projection_trial(spec: Spec) -> dict[str, float]:
 
 
 def errors(size: Size, execute: Execute) -> Table:
-    """Table of medians of positions by the references' spread, and RMS errors of tracks with the printed triggers."""
+    """Table of median errors of positions [m] by the references' spread, and of RMSE of tracks by printed triggers."""
     runs = range(size.runs)
     position_rows = execute([{"what": "places", "paper": "lee322", "seed": size.seed, "run": r} for r in runs])
     rows = [
@@ -74,7 +75,7 @@ def errors(size: Size, execute: Execute) -> Table:
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on what the thesis states about the model, and how it compares with lines of sight."""
+    """Verdicts on what the thesis states about parallel projection, and on its comparison with lines of sight."""
     pairs = [
         ("sec3.2.2-improves", "Eq. 5.39 improves the reference: median lower by [m].", ONCE, REFERENCE),
         ("sec3.2.2-depth", "Eq. 5.40 is better than Eq. 5.39: median lower by [m].", DEEP, ONCE),

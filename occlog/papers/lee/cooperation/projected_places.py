@@ -22,7 +22,7 @@ LINES = "lines of sight"
 
 
 class Projection(NamedTuple):
-    """A form of `refine`, and how often it is applied."""
+    """A form of the parallel projection model (an equation of `refine`), and the number of passes."""
 
     form: str
     passes: int
@@ -37,9 +37,9 @@ PROJECTIONS = {
 
 
 def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple[Floats, Bools]:
-    """Move references (N, 2) by what cameras see, and return positions (N, 2), and the mask (N,) of those moved.
+    """Move reference positions (N, 2) by what cameras see; return positions (N, 2), and the mask (N,) of those moved.
 
-    A reference that no camera moves in some pass counts as not moved. `way`: form and number of passes.
+    A reference that no camera moves in some pass counts as not moved. `way` is the form and number of passes.
     """
     xy, found = reference, np.ones(len(reference), dtype=np.bool_)
     covariance = np.tile(np.eye(2), (len(reference), 1, 1))
@@ -50,7 +50,7 @@ def projected(reference: Floats, sights: TagSightings, way: Projection) -> tuple
 
 
 def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
-    """Return the positions (N, 2) where the lines of sight of two cameras cross, and the mask (N,) of those that do."""
+    """Positions (N, 2) where the lines of sight of two cameras intersect, and the mask (N,) of those that do."""
     n = len(sights.bearing)
     origins = np.tile(sights.position, (n, 1))
     met = triangulate(origins, sights.bearing.ravel(), sights.sigma.ravel(), 2 * np.arange(n + 1))
@@ -58,19 +58,17 @@ def crossed(sights: TagSightings) -> tuple[Floats, Bools]:
 
 
 def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> TagSightings:
-    """Return bearings (N, C) [rad] of C cameras as sightings with one standard deviation.
-
-    `bearing`: (N, C); `sigma`: standard deviation [rad].
-    """
+    """Convert bearings (N, C) [rad] of C cameras to sightings with the standard deviation `sigma` [rad]."""
     position = np.array([c.ground for c in cameras])
     return TagSightings(position, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
 
 
 def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:
-    """Return a request with an answer that has the position of the model instead of the triangulated one.
+    """Replace the triangulated position in the answer to a request by that of the parallel projection model.
 
-    Two lines go through the position where they cross, so that its bearings are theirs.  The covariance stays that
-    of the crossing.  Where the model has no position, the request is in vain.
+    Two lines go through the position where they intersect, so that its bearings are theirs. The covariance stays
+    that of the intersection. Without a position by the model the answer has none; requests without two cameras are
+    unchanged.
     """
     answer = request.answer
     if answer.position is None or len(request.cameras) != 2:

@@ -20,7 +20,10 @@ CERTAIN = 0.9
 
 
 def shares(first: int, last: int) -> Callable[[Size, Execute], Table]:
-    """Make the experiment on the share of steps in which cameras are asked, from step `first` to `last`."""
+    """Create a function that computes the table of the share of steps with requests, for steps `first` to `last`.
+
+    The shares are over bins of `BIN` steps; x is the time of a bin's middle [s].
+    """
 
     def compute(size: Size, execute: Execute) -> Table:
         table = []
@@ -42,7 +45,7 @@ def _specs(size: Size, array: int, way: str) -> list[Spec]:
 
 
 def finals(size: Size, execute: Execute) -> Table:
-    """Return the table of the errors at the last step, of each target that a sensor hears then."""
+    """Table of position errors [m] at the last step, with and without cameras, for each target that an array hears."""
     table = []
     for a, name in enumerate(NAMES):
         for way in (WITH, WITHOUT):
@@ -55,7 +58,7 @@ def finals(size: Size, execute: Execute) -> Table:
 
 
 def _average(table: Table, series: str, since: float, until: float) -> PaperRow | None:
-    """Return a row of the means of a series over times from `since` to before `until` [s], run by run; None: none."""
+    """Row of the means of a series over times from `since` to before `until` [s], run by run; None without times."""
     rows = [r for r in v.series(table, series) if since <= r.x < until]
     if not rows:
         return None
@@ -64,7 +67,7 @@ def _average(table: Table, series: str, since: float, until: float) -> PaperRow 
 
 
 def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list[StatementVerdict]]:
-    """Return a function that judges whether cameras are asked less often if their answers are used.
+    """Create a function that judges whether cameras are asked less often if their answers are used.
 
     Args:
         key: begins the ids of its verdicts.
@@ -85,7 +88,7 @@ def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list
 
 
 def judge_silence(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 3-19: that of `judge_shares`, and that silence makes A1 ask."""
+    """Verdicts on the statements about [Lee] Fig. 3-19: fewer requests with answers, and that silence makes A1 ask."""
     out = judge_shares("fig3.19", 7.0, 11.0)(table)
     row = _average(table, f"A1, {WITH}", 5.0, 7.0)
     if row is not None:
@@ -102,7 +105,7 @@ def _certain(key: str, statement: str, row: PaperRow) -> StatementVerdict:
 
 
 def judge_final(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statement of Fig. 3-21 that with cameras the last positions are nearer to the truth."""
+    """Verdicts on the statement of [Lee] Fig. 3-21 that with cameras the last positions are nearer to the truth."""
     out = []
     for name in NAMES:
         points = v.matched(table, f"{name}, {WITH}", f"{name}, {WITHOUT}")

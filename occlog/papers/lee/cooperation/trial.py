@@ -84,7 +84,10 @@ SCENES: dict[str, dict[str, object]] = {
 
 
 class FilterOutput(NamedTuple):
-    """Estimates and camera requests of one array's filter at T steps, for K targets."""
+    """Estimates and camera requests of one array's filter at T steps, for K targets.
+
+    Positions (T, K, 2) [m], NaN without a track; `asked` (T,) is 1 at steps with a request; all requests with answers.
+    """
 
     xy: Floats  # (T, K, 2) [m]; NaN: no track
     asked: Floats  # (T,) 1 where cameras were asked, else 0
@@ -102,7 +105,7 @@ def cooperation_spec(
     projection: str = "",
     **settings: Any,
 ) -> Spec:
-    """Describe a trial for `cooperation_trial`.
+    """Specification of a trial for `cooperation_trial`.
 
     Args:
         size: steps, and the seed of all runs.
@@ -110,9 +113,9 @@ def cooperation_spec(
         scene: `open`, `field`, `pair` or `room`.
         form: form of the filter, a key of `FORMS`.
         array: index of the scene's array that the filter listens to.
-        answer: false: cameras are asked, but their answers are not used.
-        variance: of the arrays' noise [deg^2]; None: that of the scene.
-        projection: a key of `PROJECTIONS`: how cameras find positions; empty: where their lines of sight cross.
+        answer: whether answers of cameras are used; they are asked in any case.
+        variance: variance of the arrays' noise [deg^2]; None: that of the scene.
+        projection: key of `PROJECTIONS`: how cameras find positions; empty: where their lines of sight intersect.
         settings: fields of `ImmConfig`.
     """
     return {
@@ -130,10 +133,10 @@ def cooperation_spec(
 
 
 def cooperation_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial.
+    """Run the filter of one array with cameras in an environment; return its errors and its cost.
 
     Args:
-        spec: from `cooperation_spec`.
+        spec: specification from `cooperation_spec`.
 
     Returns:
         `rmse_K` of each target while it is heard, their mean `rmse`, `requests`, `frames`,
@@ -173,8 +176,8 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
     """Run the filter of one array with cameras over all steps; return its estimates and requests.
 
     Args:
-        made: the environment.
-        spec: see `cooperation_spec`.
+        made: environment.
+        spec: specification from `cooperation_spec`.
     """
     values = {**SCENES[spec["scene"]], **FORMS[spec["form"]], **spec["settings"]}
     config: ImmConfig = configure(ImmConfig(), values)
@@ -215,15 +218,17 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
 def _roster(
     state: ImmState, made: Environment, config: ImmConfig, array: int, n: int, rng: np.random.Generator
 ) -> ImmState:
-    """Return the state with tracks of targets heard for the first time, and without those no longer heard.
+    """State with tracks of targets heard for the first time added, and without those no longer heard.
+
+    New tracks start near the true state.
 
     Args:
-        state: of the filter.
-        made: the environment.
+        state: state of the filter.
+        made: environment.
         config: settings of the filter.
         array: index of the array.
         n: number of the step.
-        rng: random numbers of new particles.
+        rng: random generator of new particles.
     """
     heard, ids = made.heard[array] > 0, made.truth.ids.tolist()
     there = {t.number for t in state.tracks}

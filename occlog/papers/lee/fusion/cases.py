@@ -27,7 +27,7 @@ CROSSINGS = ((2, 0.55), (3, 1.74))
 
 
 def declaration_trial(spec: Spec) -> dict[str, float]:
-    """Return the share of trials in which an object is declared, by rule.
+    """Share of random trials in which an object is declared present, by each rule of decision.
 
     Args:
         spec: `detecting` (number of sensors), `variance` (of their detections), `trials`, `seed` and `run`.
@@ -52,13 +52,13 @@ def declaration_trial(spec: Spec) -> dict[str, float]:
 
 
 def decision_value_of_case_studies(detected: Bools, qualities: Floats, prior: Floats | float) -> Floats:
-    """Return (N,) the number that the case studies of Sec. 4.4.2 print, with `CHANCE` for P_M and P_F.
+    """(N,) decision values as the case studies of [Lee] Sec. 4.4.2 print them, with `CHANCE` for P_M and P_F.
 
     They take log10 throughout, and log W where Eq. 4.13 has log W/(1 - W).  It is no likelihood ratio:
     a detection can only lose by its quality.
 
     Args:
-        detected: (N, J) the camera detected an object.
+        detected: (N, J) mask of detections of J cameras.
         qualities: (N, J) W; not used (may be NaN) where nothing was detected.
         prior: P_1, one number or (N,).
     """
@@ -70,9 +70,9 @@ RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of 
 
 
 def curves(size: Size, execute: Execute) -> Table:
-    """Return the table of the share declared against the variance, for each number of detecting sensors and each rule.
+    """Table of the share of trials that declare an object, against the variance of local positions.
 
-    Steps are trials.
+    A series for each number of detecting sensors and each decision rule; `size.steps` is the number of trials.
     """
     variances = VARIANCES[::3] if size.quick else VARIANCES
     points = [(n, x) for n in PRINTED for x in variances]
@@ -91,7 +91,7 @@ def curves(size: Size, execute: Execute) -> Table:
 
 
 def judge_curves(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the printed thresholds and crossings, under each rule."""
+    """Verdicts on [Lee] Fig. 4-3: variances at which the share of declarations falls below levels or curves cross."""
     out = []
     for n, limits in PRINTED.items():
         for level, limit in zip((0.99, 0.50), limits, strict=True):
@@ -109,7 +109,7 @@ def judge_curves(table: Table) -> list[StatementVerdict]:
 
 
 def _threshold(key: str, statement: str, limit: float, rows: list[PaperRow], level: float) -> StatementVerdict:
-    """Return the verdict on the variance at which the share declared falls below a level, run by run.
+    """Verdict on the variance at which the share of trials with a declared object falls below a level, run by run.
 
     By linear interpolation; without a crossing the end of the curve counts.
 
@@ -131,7 +131,7 @@ def _threshold(key: str, statement: str, limit: float, rows: list[PaperRow], lev
 
 
 def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
-    """Return the position at which a falling curve crosses a level; None if nowhere."""
+    """Abscissa at which a falling curve of points (x, y) crosses `level`, by linear interpolation; None if nowhere."""
     for (x, y), (x_next, y_next) in itertools.pairwise(curve):
         if y > level >= y_next:
             return x + (x_next - x) * (y - level) / (y - y_next)
@@ -139,16 +139,27 @@ def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
 
 
 class FusionCase(NamedTuple):
-    """A case study of Sec. 4.4.2 with its printed results."""
+    """A case study of [Lee] Sec. 4.4.2: detections of three sensors, prediction, and printed results.
 
-    detections: Floats  # (3, 2), NaN where missed
+    Attributes:
+        detections: (3, 2) detected positions; NaN where missed.
+        predicted: predicted position x, y.
+        qualities: quality W of the detections, by sensor from 0.
+        fused: fused position x, y.
+        prior: prior probability P_1 that the object is present.
+        value: value of the decision by Eq. 4.13.
+        declared: whether the object is declared.
+        value_plain: value of the decision by Eq. 4.3; None: not printed.
+    """
+
+    detections: Floats
     predicted: tuple[float, float]
-    qualities: dict[int, float]  # sensor, from 0, to W
+    qualities: dict[int, float]
     fused: tuple[float, float]
     prior: float
     value: float
     declared: bool
-    value_plain: float | None = None  # by Eq. 4.3
+    value_plain: float | None = None
 
 
 NOTHING = (math.nan, math.nan)
@@ -186,7 +197,7 @@ ITEMS = ("quality", "x", "y", "prior", "value (4.13)", "value, sum of log10 W", 
 
 
 def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Return the table of the quantities of a case study; x counts the sensors of `quality`, and is 0 elsewhere."""
+    """Table of the quantities of the case study `name`; x is the number of the sensor for `quality`, else 0."""
     c = CASES[name]
     positions, predicted = c.detections[None], np.array([c.predicted])
     weight = quality(positions, predicted, 1.0)
@@ -224,7 +235,7 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge_case(name: str, table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on each printed number of the case study `name`."""
+    """Verdicts on each printed number of the case study `name` ([Lee] Figs. 4-4 to 4-6)."""
     c = CASES[name]
     out = [
         v.printed(

@@ -37,16 +37,17 @@ START = 10
 
 
 def fusion_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial: one simulated recording before and after the fusion of its detections.
+    """Run a trial: rates of detections of one simulated recording before and after their fusion.
 
     Args:
         spec: `scene` (YAML text), `seed`, `run`, `steps`, `occluders`, `cameras` (names), `miss` and `false` (of
             every camera; the fusion assumes both), `fuse` (fields of `FuseConfig`) and `track` (true: also track).
 
     Returns:
-        For `before` and `after` the fusion: `detection_` rate of visible targets, `false_` reports a frame, `hidden_`
-        reports of targets behind others, as a share of them; `nees_recovered`, the mean squared error of recovered
-        bearings in their variances; and of the tracks `rmse_raw`, `rmse_ignore`, `rmse_use`.
+        For `before` and `after` the fusion: `detection_` rate of visible targets, `false_` alarms per frame,
+        `hidden_` detections of targets behind others, as a share of them; `nees_recovered`, the mean squared error
+        of recovered bearings over their variances; and RMSE of tracks of unfused bearings (`rmse_raw`), and of
+        fused ones with recovered rows ignored or used (`rmse_ignore`, `rmse_use`).
     """
     scene = scene_from_yaml(spec["scene"], "scene")
     seed = int(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)).generate_state(1, np.uint32)[0])
@@ -114,7 +115,7 @@ NOTE = f"Reference room of 100 x 100; series: number of cameras, each of which m
 
 
 def rates(size: Size, execute: Execute) -> Table:
-    """Return the table of the rates of all cameras against the probability of a false report, before and after."""
+    """Table of detection and false alarm rates, before and after fusion, against the probability of a false report."""
     rows = []
     for n, x, own in _done(size, execute, track=False):
         extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("hidden_before", "hidden_after")}
@@ -126,7 +127,7 @@ def rates(size: Size, execute: Execute) -> Table:
 
 
 def errors(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE of the auxiliary particle filter against the probability of a false report."""
+    """Table of the RMSE of the auxiliary particle filter against the false alarm probability."""
     return [
         PaperRow(f"{n}, {what}", x, tuple(r[key] for r in own))
         for n, x, own in _done(size, execute, track=True)
@@ -135,7 +136,7 @@ def errors(size: Size, execute: Execute) -> Table:
 
 
 def _done(size: Size, execute: Execute, *, track: bool) -> list[tuple[int, float, list[dict[str, float]]]]:
-    """Run all trials; return number of cameras, probability of a false report, and the figures of each run.
+    """Run all trials; return number of cameras, false alarm probability, and the figures of each run.
 
     `track`: the trials also track.
     """
@@ -161,7 +162,7 @@ def _spec(size: Size, run: int, cameras: int, false: float, track: bool) -> Spec
 
 
 def judge_rates(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements of the thesis about the fusion."""
+    """Verdicts on [Lee] Sec. 4.1: fusion recovers missed detections, and false ones do not spread to other cameras."""
     missed = "Missed detections are recovered: detection rate higher by this"
     false = "False detections do not spread: fewer false reports a frame, by this"
     return [
@@ -171,7 +172,7 @@ def judge_rates(table: Table) -> list[StatementVerdict]:
 
 
 def judge_errors(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on this project's statements about tracking with fused bearings."""
+    """Verdicts on whether a tracker gains by fused bearings, and loses if it counts recovered ones as measured."""
     gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
     twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
     return [
@@ -181,10 +182,10 @@ def judge_errors(table: Table) -> list[StatementVerdict]:
 
 
 def _judged(table: Table, key: str, statement: str, low: str, high: str) -> list[StatementVerdict]:
-    """Return the verdicts on whether one series is below another, for each number of cameras.
+    """Verdicts on whether one series is below another, for each number of cameras.
 
     Args:
-        table: of the experiment.
+        table: table of the experiment.
         key: begins the ids.
         statement: text of the statement.
         low: name of the lower series.

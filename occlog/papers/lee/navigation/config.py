@@ -103,10 +103,10 @@ class NavigateConfig(FieldSettings):
 
     @property
     def way(self) -> float:
-        """Return the length of a step, s_r T_s."""
+        """Length of a step, s_r T_s."""
         return self.speed * self.step_s
 
     @property
     def near(self) -> float:
-        """Return the distance at which the goal counts as reached."""
+        """Distance at which the goal counts as reached."""
         return self.way if self.goal_tolerance is None else self.goal_tolerance

@@ -45,12 +45,12 @@ RANGES = "distances in (5.27) and (5.28)"
 
 
 def name_of(step: str, radius: float) -> str:
-    """Return the name of a series: `step`, and `radius` of robot and obstacle."""
+    """Name of a series: `step` (name of the escape), and the radius of robot and obstacle."""
     return f"{step}, r = {radius:g}"
 
 
 def escapes(size: Size, execute: Execute) -> Table:
-    """Table of escapes of the printed robot by the printed and other angles, and shares over random lines."""
+    """Table of whether the printed robot escapes by the printed and other angles, and of collisions in random cases."""
     rows: Table = []
     for step, config in STEPS.items():
         for radius in RADII:
@@ -70,13 +70,13 @@ def escapes(size: Size, execute: Execute) -> Table:
 
 
 def _outcome(step: str, radius: float, angle: float, robots: Drive) -> Table:
-    """Return the rows of one drive: least distance of centres, with steps and whether the goal was reached.
+    """Row of one drive: least distance of centres, with the number of steps and whether the goal was reached.
 
     Args:
         step: name of the escape.
-        radius: of robot and obstacle.
-        angle: of the escape [deg] (x); NaN: the printed one, the largest of its range.
-        robots: the drive of one robot.
+        radius: radius of robot and obstacle.
+        angle: angle of the escape [deg] (x); NaN: the printed one, the largest of its range.
+        robots: drive of one robot.
     """
     distance = float(robots.clearance[0]) + 2.0 * radius
     tried = not math.isnan(angle)
@@ -86,10 +86,10 @@ def _outcome(step: str, radius: float, angle: float, robots: Drive) -> Table:
 
 
 def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the shares of escaping robots that collide, and of oscillating ones within the printed ranges.
+    """Shares of escaping robots that collide, by escape, and of oscillating steps within the printed distances.
 
     Args:
-        spec: `item`, `seed`, `run`, and `lines`, how many robots for each radius.
+        spec: `item`, `seed`, `run`, and `lines`, the number of robots for each radius.
     """
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*SPAWN, 29, spec["run"])))
     lines = random_lines(int(spec["lines"]), rng)
@@ -116,7 +116,7 @@ def escape_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def judge_escapes(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on what Sec. 5.2.2 states about the two escapes, of their angles and of their distances."""
+    """Verdicts on the two escapes from oscillation ([Lee] Sec. 5.2.2): do they reach the goal, angles, distances."""
 
     def of(step: str, radius: float) -> PaperRow:
         row = v.find(table, name_of(step, radius) + ", printed angle")
@@ -195,9 +195,9 @@ def judge_escapes(table: Table) -> list[StatementVerdict]:
 
 
 def _shortest(table: Table, key: str, step: str) -> StatementVerdict:
-    """Return the verdict on whether the largest angle takes the fewest steps of all that lead to the goal.
+    """Verdict on whether the largest angle takes the fewest steps of all angles that lead to the goal.
 
-    `key`: part of the id; `step`: name of the escape.
+    `key` is part of the id; `step` the name of the escape.
     """
     more: list[float] = []
     for radius in RADII[1:]:
@@ -232,7 +232,7 @@ WAYS = {
 
 
 def near_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the share of robots starting near the printed line that collide.
+    """Shares of robots starting near the printed line that collide (`collided`), and that reach the goal (`reached`).
 
     Args:
         spec: `seed`, `run`, `robots`, `across` (largest distance from the line), `way` (a key of `WAYS`).
@@ -249,7 +249,7 @@ def near_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def near(size: Size, execute: Execute) -> Table:
-    """Return the table of the shares of colliding robots by their initial distance from the line."""
+    """Table of the shares of colliding robots by the largest initial distance from the line."""
     cases = [(way, across, run) for way in WAYS for across in ACROSS for run in range(size.runs)]
     found = execute(
         [{"seed": size.seed, "run": run, "robots": size.steps, "across": a, "way": way} for way, a, run in cases]
@@ -262,7 +262,7 @@ def near(size: Size, execute: Execute) -> Table:
 
 
 def judge_near(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the guarantee for robots that are nearly in line, where no two doubles are equal."""
+    """Verdicts on whether the modified force prevents collisions of robots that are nearly, not exactly, in line."""
     exact, plain = "equalities (5.18), (5.26)", "(5.15)"
     out = [
         always(

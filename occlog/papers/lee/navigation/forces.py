@@ -43,7 +43,10 @@ SPAWN = (2009, 52)
 
 
 class RobotLines(NamedTuple):
-    """N robots, each on a line with one obstacle and a goal behind it."""
+    """N robots, each on a line with one obstacle and a goal behind it.
+
+    Start and goal positions (N, 2), and distances of the goals from the obstacle (N,).
+    """
 
     starts: Floats  # (N, 2)
     goals: Floats  # (N, 2)
@@ -53,20 +56,20 @@ class RobotLines(NamedTuple):
 def printed_drive(config: NavigateConfig, radius: float = 0.0) -> tuple[list[RobotStep], Drive]:
     """Drive the robot of the printed example; return its steps and outcome.
 
-    `radius`: of robot and obstacle.
+    `radius` is that of robot and obstacle.
     """
     starts, goals = np.array([START]), np.array([GOAL])
     return driven(starts, goals, Disc(*OBSTACLE, radius), replace(config, radius=radius))
 
 
 def driven(starts: Floats, goals: Floats, obstacle: Disc, config: NavigateConfig) -> tuple[list[RobotStep], Drive]:
-    """Drive robots from `starts` (N, 2) to `goals` (N, 2) around one obstacle; return their steps and outcomes."""
+    """Drive robots from `starts` (N, 2) to `goals` (N, 2) around one obstacle; return steps and outcomes."""
     robots = Drive.at(starts)
     return list(drive(robots, goals, course_of(PLANE, (obstacle,), None, config), config)), robots
 
 
 def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float] = (0.0, 0.0)) -> RobotLines:
-    """Draw n random lines through an obstacle: robots 3 to 9 before it, goals 1 to 5 behind it."""
+    """Draw n random lines through an obstacle: robots 3 to 9 units before it, goals 1 to 5 behind it."""
     turn = rng.uniform(-math.pi, math.pi, n)
     along = np.column_stack([np.cos(turn), np.sin(turn)])
     behind = rng.uniform(1.0, 5.0, n)
@@ -75,21 +78,21 @@ def random_lines(n: int, rng: np.random.Generator, obstacle: tuple[float, float]
 
 
 def collided(robots: Drive) -> Bools:
-    """Return the mask (N,) of robots that collided."""
+    """(N,) mask of robots that collided."""
     return np.asarray(robots.end == End.COLLIDED)
 
 
 def shown(
     key: str, statement: str, good: bool, measured: float | None, rule: str, paper: float | None = None
 ) -> StatementVerdict:
-    """Return the verdict on a statement about a deterministic quantity.
+    """Verdict on a statement about a deterministic quantity.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
         good: whether it holds.
-        measured: the quantity; None: none to show.
-        rule: how that was decided.
+        measured: quantity to show; None: none.
+        rule: how `good` was decided, in words.
         paper: printed number; None: none.
     """
     return v.fact(key, statement, holds=good, measured=measured, rule=rule, paper=paper)
@@ -98,15 +101,15 @@ def shown(
 def always(
     key: str, statement: str, row: PaperRow | None, share: float, paper: float | None = None
 ) -> StatementVerdict:
-    """Verdict on a statement that states what always, or never, happens.
+    """Verdict on a statement that something always, or never, happens.
 
-    Reproduced where the share over all trials is exactly that; not reproduced where it differs from it by more than
+    Reproduced if the share over all trials is exactly that; not reproduced if it differs from it by more than
     two standard errors over the runs.
 
     Args:
-        key: of the verdict.
-        statement: the statement.
-        row: share of trials in each run.
+        key: id of the verdict.
+        statement: text of the statement.
+        row: share of trials in each run; None: missing.
         share: what it must be, 0 or 1.
         paper: printed value; None: none.
     """
@@ -132,12 +135,12 @@ EXACT = 1e-9
 
 
 def signed(force: Floats) -> Floats:
-    """Return the components (N,) of forces (N, 2) along the diagonal, positive away from the origin."""
+    """(N,) components of forces (N, 2) along the diagonal, positive away from the origin."""
     return np.asarray(force @ OUT)
 
 
 def diagonal(at: Floats) -> dict[str, Floats]:
-    """Return signed forces at points (at, at) of the printed example."""
+    """Signed forces (n,) along the diagonal at the points (at, at) of the printed example, by name; `at` is (n,)."""
     p, goal, obstacle = np.column_stack([at, at]), np.array(GOAL), np.array(OBSTACLE)
     pull, push = signed(attractive_force(p, goal, FIELD)), signed(repulsive_force(p, obstacle, FIELD))
     rule = StepRules(way=WAY, radius=0.0, prevent=True, escape="none", side="left", aligned=0.1, opposite=0.05)
@@ -162,7 +165,7 @@ def original_forces(size: Size, execute: Execute) -> Table:
 
 
 def _curves(at: Floats, names: tuple[str, ...]) -> Table:
-    """Return rows of the forces `names` along the diagonal, at the coordinates `at` (n,) of both axes.
+    """Rows of the forces `names` along the diagonal, at the coordinates `at` (n,) of both axes.
 
     Points near the obstacle are in the table, but not plotted.
     """
@@ -176,9 +179,9 @@ def _curves(at: Floats, names: tuple[str, ...]) -> Table:
 
 
 def _shares(item: str, size: Size, execute: Execute, names: tuple[str, ...]) -> Table:
-    """Return rows of the shares `names` over random lines, a value for each run; not plotted.
+    """Rows of the shares `names` over random lines, a value for each run; not plotted.
 
-    `item`: figure that the trials are of.
+    `item` is the figure of the trials.
     """
     found = execute([{"item": item, "seed": size.seed, "run": run, "lines": size.steps} for run in range(size.runs)])
     shares = {name: tuple(f[name] for f in found if name in f and not math.isnan(f[name])) for name in names}
@@ -189,11 +192,11 @@ def collision_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     """Shares of robots on random lines that collide under the original force.
 
     Args:
-        spec: `item`, `seed`, `run`, and `lines`, how many robots.
+        spec: `item`, `seed`, `run`, and `lines`, the number of robots.
 
     Returns:
         Among robots with delta above a step, and among those for which the three conditions (5.16) to (5.18)
-        hold at some step, the shares that collide; NaN if missing.
+        hold at some step, the shares that collide; NaN without such robots.
     """
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*SPAWN, 26, spec["run"])))
     lines = random_lines(int(spec["lines"]), rng)
@@ -215,7 +218,7 @@ def _share(of: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> float:
 
 
 def judge_original(table: Table) -> list[StatementVerdict]:
-    """Verdicts on what Sec. 5.2.2 states about the printed example, Fig. 5-26, and the definition of the problem."""
+    """Verdicts on what [Lee] Sec. 5.2.2 states about the printed example, Fig. 5-26, and the problem's definition."""
     zero, delta = v.find(table, FORCE), v.find(table, DELTA)
     fine = np.arange(8.91, LAST, 0.01)
     negative = float(np.mean(diagonal(fine)[TOTAL] < 0.0))
@@ -276,7 +279,7 @@ def judge_original(table: Table) -> list[StatementVerdict]:
 
 
 def _mirrored(forces: list[Floats]) -> float:
-    """Return the largest sum of two forces that should be opposite."""
+    """Largest absolute sum of two arrays of forces that should be opposite."""
     return float(np.abs(forces[0] + forces[1]).max())
 
 
@@ -285,10 +288,10 @@ ENDLESS, FIRED = "endless oscillation by (5.25)", "lines on which equality (5.18
 
 
 def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the shares of robots that collide, and that oscillate forever, under the modified force.
+    """Shares of robots that collide, and that oscillate forever, under the modified force.
 
     Args:
-        spec: `item`, `seed`, `run`, and `lines`, how many robots.
+        spec: `item`, `seed`, `run`, and `lines`, the number of robots.
     """
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*SPAWN, 27, spec["run"])))
     n = int(spec["lines"])
@@ -312,7 +315,7 @@ def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def prevented_forces(size: Size, execute: Execute) -> Table:
-    """Table of forces along the diagonal by (5.24), the printed robot's path, and shares over random lines."""
+    """Table of forces along the diagonal by [Lee] Eq. 5.24, the printed robot's path, and shares over random lines."""
     at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
     at = at[at != OBSTACLE[0]]
     steps, _ = printed_drive(PREVENTION)
@@ -322,7 +325,7 @@ def prevented_forces(size: Size, execute: Execute) -> Table:
 
 
 def judge_prevention(table: Table) -> list[StatementVerdict]:
-    """Verdicts on what Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
+    """Verdicts on what [Lee] Sec. 5.2.2 states about the modified force, Fig. 5-27 and the oscillation after it."""
     positions = [row.mean for row in v.series(table, PLACE)]
     robots = printed_drive(PREVENTION)[1]
     back = [9.0, 10.0, 9.0, 10.0][: len(positions) - 3]

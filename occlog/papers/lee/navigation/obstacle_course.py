@@ -39,19 +39,19 @@ class Disc(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """All static obstacles of a robot, and the people who move there.
+    """All static obstacles of a robot, and moving people.
 
     Attributes:
         discs: (D, 3) round obstacles x, y, radius.
-        polygons: static occluders.
-        circles: (P, 3) the circle about each of them.
-        walls: (E, 2, 2) sides of the room.
-        names: of discs, polygons, walls and moving obstacles, in this order.
+        polygons: outlines of P static occluders.
+        circles: (P, 3) x, y, radius of the circle around each of them.
+        walls: (E, 2, 2) sides of the room: ends, coordinates.
+        names: names of discs, polygons, walls and people, in this order.
         moving: people; None: none.
         repelling: whether walls repel.
-        round_shapes: whether the circles repel, and not the polygons' nearest points.
-        bordered: whether distances are from the borders of discs and people, and not from their centres.
-        ahead: steps for which people are thought to go on.
+        round_shapes: whether static occluders repel as their circles, instead of by their nearest points.
+        bordered: whether distances are from the borders of discs and people, instead of their centres.
+        ahead: number of steps for which people are predicted.
     """
 
     discs: Floats
@@ -66,14 +66,17 @@ class Course:
     ahead: float
 
     def obstacles_at(self, step: int) -> MovingObstacles:
-        """Return the people at a step, by its number from 0; empty if there are none."""
+        """People at a step, by its number from 0; empty if there are none."""
         if self.moving is None:
             none, flat = np.empty((0, 2)), np.empty(0)
             return MovingObstacles(none, flat, after=none, radius_after=flat, move=none)
         return self.moving.at(step)
 
     def around(self, xy: Floats, obstacles: MovingObstacles) -> NearbyObstacles:
-        """Return the obstacles in the form needed for robots at positions `xy` (N, 2)."""
+        """Nearest points, radii and movements of all obstacles, as seen from robots at positions `xy` (N, 2).
+
+        People are at their nearest predicted positions.
+        """
         there = np.isfinite(obstacles.xy[:, 0])
         # People are where they come nearest within the time ahead, on their course of the last step
         soon = obstacles.xy[there] + self.ahead * obstacles.move[there]
@@ -99,14 +102,14 @@ class Course:
         )
 
     def clearance(self, start: Floats, end: Floats, radius: float, obstacles: MovingObstacles) -> Floats:
-        """(N, K) least distance, border to border, of robots from each obstacle in `names` during a step.
+        """(N, K) least distance, border to border, of N robots from each obstacle in `names` during a step.
 
-        A robot that runs into a polygon or a wall has minus its radius; infinite where a person is not there.
+        A robot that runs into a polygon or a wall has minus its radius; infinite for an absent person.
 
         Args:
             start: (N, 2) positions before the step.
             end: (N, 2) positions after it.
-            radius: of the robots.
+            radius: radius of the robots.
             obstacles: people at the start and the end of the step.
         """
         first = np.where(np.isfinite(obstacles.xy), obstacles.xy, obstacles.after)
@@ -122,9 +125,9 @@ class Course:
         return np.concatenate(parts, axis=1) - radius
 
     def check_position(self, what: str, xy: Floats, config: NavigateConfig) -> None:
-        """Raise InputError unless the robot fits at the position `xy` (2,) without contact.
+        """InputError unless the robot fits at the position `xy` (2,) without contact.
 
-        `what`: `start` or `goal`; at the goal people do not count.
+        `what` is `start` or `goal`, for messages; at the goal people are not considered.
         """
         at = f"the {what} ({xy[0]:g}, {xy[1]:g})"
         here = xy[None]
@@ -152,7 +155,7 @@ class Course:
 
 
 def people_of(config: NavigateConfig) -> PeopleAsObstacles:
-    """Return how people become obstacles: radius, inflation by their covariance, gaps and steps, by the settings."""
+    """Settings by which people become obstacles: radius, inflation by their covariance, gaps and steps."""
     return PeopleAsObstacles(
         radius=config.obstacle_radius,
         sigmas=config.inflation_sigmas,
@@ -165,9 +168,9 @@ def people_of(config: NavigateConfig) -> PeopleAsObstacles:
 def course_of(
     scene: Scene, discs: Sequence[Disc], moving: MovingObstacleTracks | None, config: NavigateConfig
 ) -> Course:
-    """Return the course of a scene with additional round obstacles and people.
+    """Course of a scene with additional round obstacles and people.
 
-    `moving`: tracks of people; None: none.
+    `moving` are tracks of people; None: none.
     """
     polygons = tuple(o.polygon for o in scene.occluders)
     walls = np.empty((0, 2, 2)) if scene.room is None else edges(scene.room)
@@ -190,6 +193,6 @@ def course_of(
 
 
 def _circle(polygon: Floats) -> tuple[float, float, float]:
-    """Return centre and radius of a circle around a (K, 2) polygon, centred on its bounding box."""
+    """Centre x, y and radius of a circle around a polygon (K, 2), centred on its bounding box."""
     x, y = 0.5 * (polygon.min(axis=0) + polygon.max(axis=0))
     return float(x), float(y), float(distance(polygon, np.array([x, y])).max())

@@ -21,14 +21,22 @@ from .obstacle_course import Course
 
 
 class PathPicture(NamedTuple):
-    """Content of the picture of a path: scene, obstacles, path, goal (2,), settings, and words for its end."""
+    """Content of the picture of a path.
+
+    Attributes:
+        scene, course: room, and obstacles of the robot.
+        path: path of the robot.
+        goal: (2,) position of the goal.
+        config: settings of the robot.
+        end: words for how the path ended.
+    """
 
     scene: Scene
     course: Course
     path: RobotPath
-    goal: Floats  # (2,)
+    goal: Floats
     config: NavigateConfig
-    end: str  # how the path ended, in words
+    end: str
 
 
 SIZE = (7.4, 8.2)
@@ -48,13 +56,13 @@ BODIES = 40
 
 
 def path_png(what: PathPicture) -> bytes:
-    """Return the picture of a path as PNG."""
+    """Picture of a path as PNG."""
     with house_style():
         return to_png(draw_path(what), DPI, {"Title": f"Path of a robot: {what.end}"})
 
 
 def draw_path(what: PathPicture) -> Figure:
-    """Draw the plan with the path, and the clearance over time."""
+    """Draw the plan with the path, and the clearance over time below it, as a figure."""
     figure = new_figure(*SIZE)
     plan, below = figure.subplots(2, 1, height_ratios=[5.0, 1.0])
     handles = _plan(plan, what)
@@ -75,7 +83,7 @@ def _plan(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
 
 
 def _limits(what: PathPicture) -> Floats:
-    """Return the (2, 2) lower and upper corners of room, obstacles and path."""
+    """(2, 2) lower and upper corner of the plot: room, obstacles and path with a margin."""
     path, discs = what.path, what.course.discs
     points = [
         np.column_stack([path.x, path.y]),
@@ -159,12 +167,12 @@ def _path(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
 
 
 def _nearest_row(path: RobotPath) -> int:
-    """Return the path row of least clearance; the first row without obstacles."""
+    """Row of the path with the least clearance; the first row without obstacles."""
     return int(np.nanargmin(path.clearance)) if np.isfinite(path.clearance).any() else 0
 
 
 def _body(path: RobotPath, row: int, radius: float, alpha: float) -> Circle:
-    """Return the robot's outline at a row of the path, with its radius and opacity `alpha` (0 to 1)."""
+    """Outline of the robot at a row of the path, with its radius and opacity `alpha` (0 to 1)."""
     at = (float(path.x[row]), float(path.y[row]))
     return Circle(at, radius, fill=False, edgecolor=PATH, linewidth=0.8, alpha=alpha, zorder=3.2)
 

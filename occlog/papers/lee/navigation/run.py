@@ -35,17 +35,17 @@ if TYPE_CHECKING:
 
 
 class RobotVerdict:
-    """Outcome of one robot of a drive, with words, remedy and figures."""
+    """Outcome of one robot of a drive, with words, remedy and figures for the summary."""
 
     def __init__(self, robots: Drive, number: int, goal: Floats, names: Sequence[str], config: NavigateConfig) -> None:
         """Judge a robot when the drive is over.
 
         Args:
-            robots: the drive.
-            number: of the robot.
-            goal: (2,) where it was to go.
-            names: of the obstacles.
-            config: its settings.
+            robots: outcomes of all robots of the drive.
+            number: index of the robot.
+            goal: (2,) its goal.
+            names: names of the obstacles.
+            config: settings of the drive.
         """
         self.end = End(int(robots.end[number]))
         self._steps, self._config = int(robots.steps[number]), config
@@ -61,16 +61,16 @@ class RobotVerdict:
 
     @property
     def reached(self) -> bool:
-        """True if the robot came to its goal without a collision."""
+        """Whether the robot reached its goal without a collision."""
         return self.end == End.REACHED
 
     @property
     def trap(self) -> bool:
-        """Return whether forces or collision avoidance hold the robot in place without oscillation prevention."""
+        """Whether forces, or the collision guard, hold the robot in place without oscillation prevention."""
         return self._stays and not self._prevented
 
     def words(self) -> str:
-        """Return how the path ended, in words."""
+        """How the path ended, in words."""
         if self.end == End.REACHED:
             return "goal reached"
         if self.end == End.COLLIDED:
@@ -90,7 +90,7 @@ class RobotVerdict:
         return f"the robot did not reach its goal: {self.words()}; {self._remedy()}"
 
     def _remedy(self) -> str:
-        """Return what the user may change so that the robot reaches its goal."""
+        """What the user may change so that the robot reaches its goal, in words."""
         if self.end == End.COLLIDED:
             return (
                 "take "
@@ -104,12 +104,12 @@ class RobotVerdict:
         return "take more steps"
 
     def figures(self) -> dict[str, object]:
-        """The figures of the summary.
+        """Figures of the summary by name.
 
         reached: without a collision.  length: of the path, without steps that the guard skipped.
-        least_clearance: from obstacles, border to border, also between steps; null without obstacles.
+        least_clearance: from obstacles, border to border, also between steps; None without obstacles.
         oscillation: whether it was recognised at any step.  trap: a local minimum, or the guard, holds the robot.
-        states: steps by what decided on them.
+        states: numbers of steps by what determined them.
         """
         return {
             "reached": self.reached,
@@ -129,7 +129,7 @@ class RobotVerdict:
 
 
 def run_navigate(request: NavigateRequest, job: Job) -> tuple[dict[str, object], tuple[Loss, ...]]:
-    """Drive the robot and write its path and picture; return the summary, and the losses of the tracks.
+    """Drive the robot and write its path and picture; return the summary, and the losses of the tracks of people.
 
     UsageError for a start delay without people; InputError if the robot does not fit at start or goal.
     """
@@ -197,7 +197,7 @@ def _picture(
     config: NavigateConfig,
     verdict: RobotVerdict,
 ) -> bytes:
-    """Return the PNG of the path in the scene, with the words of its `verdict`."""
+    """PNG of the path in the scene, with the words of its `verdict`."""
     from .picture import PathPicture, path_png
 
     goal = np.array(request.goal)

@@ -47,31 +47,40 @@ class End(IntEnum):
 
 
 class RobotStep(NamedTuple):
-    """N robots at one step, some of which may have ended earlier."""
+    """N robots at one step, A of which are still active; others have ended earlier.
+
+    Attributes:
+        number: number of the step.
+        active: (A,) indices of the active robots.
+        xy: (A, 2) their positions.
+        clearance: (A,) least distance from obstacles since the step before, border to border.
+        nearest: (A,) index of that obstacle; -1: none.
+        steering: forces of the next step; None: no robot continues.
+    """
 
     number: int
-    active: Ints  # numbers of the robots that were still going
-    xy: Floats  # (A, 2) where they are
-    clearance: Floats  # (A,) least distance from obstacles since the step before, border to border
-    nearest: Ints  # (A,) which obstacle that was; -1: missing
-    steering: Steering | None  # what they do next; None: none of them goes on
+    active: Ints
+    xy: Floats
+    clearance: Floats
+    nearest: Ints
+    steering: Steering | None
 
 
 @dataclass(eq=False)
 class Drive:
-    """Results of N robots; filled by `drive`.
+    """Results of N robots; updated in place by `drive`.
 
     Attributes:
         xy: (N, 2) last positions.
-        end: (N,) numbers of `End`.
-        steps: (N,) steps done.
-        length: (N,) of the paths; steps that the guard skipped have none.
-        clearance: (N,) least distance from obstacles, border to border, between steps, too.
-        nearest: (N,) which obstacle that was; -1: missing.
-        states: (N, 4) steps in each `SteeringState`.
-        recognised: (N,) steps at which oscillation was recognised.
-        caught: (N,) whether a robot without steps left stayed at one position in the end.
-        prevented: (N,) whether the endless part of a path, or its last window, has steps of the prevention.
+        end: (N,) outcomes, numbers of `End`.
+        steps: (N,) numbers of steps done.
+        length: (N,) lengths of the paths; steps that the guard skipped have none.
+        clearance: (N,) least distance from obstacles, border to border, also between steps.
+        nearest: (N,) index of that obstacle; -1: none.
+        states: (N, 4) numbers of steps in each `SteeringState`.
+        recognised: (N,) numbers of steps at which oscillation was recognised.
+        caught: (N,) mask of robots without steps left that stayed at one position in the end.
+        prevented: (N,) mask of robots with steps of the prevention in the endless part of the path, or its last window.
     """
 
     xy: Floats
@@ -87,7 +96,7 @@ class Drive:
 
     @classmethod
     def at(cls, starts: Floats) -> Drive:
-        """Return the initial state of robots at the positions `starts` (N, 2)."""
+        """Initial state of robots at the positions `starts` (N, 2)."""
         n = len(starts)
         return cls(
             xy=starts.copy(),
@@ -104,13 +113,13 @@ class Drive:
 
 
 def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) -> Iterator[RobotStep]:
-    """Move robots step by step; yield each step, the one before the first move included.
+    """Move robots step by step to their goals by potential fields; generate each step, the initial one included.
 
     Args:
-        robots: where they start; how they fare is written into it.
-        goals: (N, 2).
+        robots: robots at their starts; their results are updated in place.
+        goals: (N, 2) goals.
         course: obstacles.
-        config: speed, rules, most steps.
+        config: speed, rules, maximum number of steps.
     """
     steps, field = steps_of(config, config.way, config.radius), field_of(config)
     total = np.full_like(robots.xy, np.nan)
@@ -168,16 +177,16 @@ def _guarded(
     obstacles: MovingObstacles,
     config: NavigateConfig,
 ) -> tuple[Floats, Ints]:
-    """Return steps (A, 2) that do not collide if people go on as they did, and the state (A,) of each robot.
+    """Steps (A, 2) that do not collide if people continue as before, and the state (A,) of each robot.
 
-    A step that would collide is turned by as little as will do, of two equal angles to the side on which the goal is
-    nearer; where no direction is free, the one of the greatest clearance is taken, which may be no motion.
+    A step that would collide is turned by the smallest sufficient angle, of two equal ones to the side nearer to
+    the goal; if no direction is free, that with the largest clearance is taken, which may be no motion.
 
     Args:
         xy: (A, 2) positions.
-        move: (A, 2) steps that the forces demand.
+        move: (A, 2) steps by the forces.
         state: (A,) states before.
-        goals: (A, 2).
+        goals: (A, 2) goals.
         course: static obstacles.
         obstacles: people.
         config: radius and length of a step.
@@ -209,12 +218,12 @@ def _guarded(
 
 
 def _standing(obstacles: MovingObstacles) -> MovingObstacles:
-    """Return the moving obstacles as if they stood still."""
+    """Moving obstacles at their present positions, as if they stood still."""
     return obstacles._replace(after=obstacles.xy, radius_after=obstacles.radius)
 
 
 def _least(gaps: Floats) -> tuple[Floats, Ints]:
-    """Return the smallest (A,) of clearances `gaps` (A, K), and the obstacle's index; inf and -1 without obstacles."""
+    """Smallest (A,) of clearances `gaps` (A, K), and the index of its obstacle; inf and -1 without obstacles."""
     if not gaps.shape[1]:
         return np.full(len(gaps), np.inf), np.full(len(gaps), -1)
     nearest = np.argmin(gaps, axis=1)
@@ -223,11 +232,11 @@ def _least(gaps: Floats) -> tuple[Floats, Ints]:
 
 
 def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Ints) -> None:
-    """Update the least clearance of robots, and the obstacle that it is to, in `robots`.
+    """Update the least clearance of robots, and the index of its obstacle, in `robots`.
 
     Args:
-        robots: all N robots.
-        active: (A,) indices of those that still drive.
+        robots: results of all N robots, updated in place.
+        active: (A,) indices of the active robots.
         clearance: (A,) their clearance in this step.
         nearest: (A,) index of the nearest obstacle.
     """
@@ -237,11 +246,11 @@ def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Int
 
 
 class _Watch:
-    """Notices robots that repeat themselves for ever, or that stay at one position.
+    """Detects robots that repeat themselves forever, or that stay at one position.
 
-    Among static obstacles, position and total force determine all later steps: where both come back the
-    robot repeats what it did between.  The state that is compared is taken again at steps 1, 2, 4, 8, ... (Brent's
-    way to find cycles), so that a cycle of any length is found without a memory of all steps.
+    Among static obstacles, position and total force determine all later steps: if both recur, the robot repeats its
+    steps. The state that is compared is renewed at steps 1, 2, 4, 8, ... (Brent's cycle detection), so that a cycle
+    of any length is found without a memory of all steps.
     """
 
     def __init__(self, xy: Floats) -> None:
@@ -254,7 +263,7 @@ class _Watch:
         """(N,) whether the prevention acted since the state that is compared was taken."""
 
     def repeats(self, active: Ints, xy: Floats, total: Floats, slack: float) -> Bools:
-        """Return the mask (A,) of robots that had these positions and total forces before (Brent's cycle detection).
+        """(A,) mask of robots with a position and total force that they had before (Brent's cycle detection).
 
         Args:
             active: (A,) indices of the robots.
@@ -272,9 +281,9 @@ class _Watch:
         return np.asarray(same)
 
     def see(self, xy: Floats, active: Ints, prevented: Bools) -> None:
-        """Record the positions `xy` (N, 2) of all robots, and at which active ones the oscillation prevention acted.
+        """Record the positions `xy` (N, 2) of all robots, and for which active ones the prevention acted.
 
-        `active`: (A,) indices; `prevented`: (A,) mask.
+        `active` (A,) are their indices, `prevented` (A,) the mask.
         """
         self._step += 1
         self.prevented[active] |= prevented
@@ -283,9 +292,9 @@ class _Watch:
         self._box = np.stack([np.minimum(self._box[0], xy), np.maximum(self._box[1], xy)])
 
     def stays(self, active: Ints, most: float) -> Bools:
-        """Return the mask (A,) of the robots `active` (indices) that stayed within `most` in the last two windows.
+        """(A,) mask of the robots `active` (indices) that stayed within `most` in the last two windows of steps.
 
-        Their extent along x and y counts. False before there are two windows.
+        `most` limits the extent along x and y. False before there are two windows.
         """
         if self._step < 2 * WINDOW:
             return np.zeros(len(active), dtype=np.bool_)
@@ -311,13 +320,7 @@ class PathRows:
     """Converts the steps of a drive with one robot to tables."""
 
     def __init__(self, names: Sequence[str], start_ns: int, step_s: float) -> None:
-        """Start without rows.
-
-        Args:
-            names: of the obstacles.
-            start_ns: time of the first row.
-            step_s: time between two rows.
-        """
+        """Set the names of the obstacles, the time of the first row [ns], and the time between two rows [s]."""
         self._names, self._start_ns, self._step_s = (*names, ""), start_ns, step_s
 
     def tables(self, steps: Iterable[RobotStep]) -> Iterator[RobotPath]:

@@ -63,16 +63,19 @@ PRINTED_THETA = {1: (45.00, 49.04), 2: (45.00, 50.28)}
 
 
 def root_mean(squares: Sequence[float] | Floats) -> tuple[float, ...]:
-    """Return one value for each run, with the root of the mean of `squares` as mean, and that root's standard error."""
+    """Values of each run with the root of the mean of `squares` as mean, and that root's standard error.
+
+    `squares` (runs,) are mean squared errors.
+    """
     x = np.asarray(squares, dtype=np.float64)
     root = math.sqrt(float(x.mean()))
     return tuple((root + (x - root**2) / (2.0 * root)).tolist()) if root > 0 else tuple(np.zeros(len(x)).tolist())
 
 
 def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
-    """Table of RMSE and bounds in a `scenario` (1 to 4) at every fifth instant; at x NaN over all instants.
+    """Table of RMSE and bounds in scenario 1 to 4 at every fifth instant; at x NaN over all instants.
 
-    In space and of each axis; the plot shows those in space.
+    In space and for each axis; the plot shows those in space.
     """
     n = FEW if size.quick else PARTICLES
     specs = [
@@ -93,10 +96,10 @@ def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
 
 
 def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
-    """Return the rows of one method: RMSE in space and of each axis at some instants, and of each axis overall.
+    """Rows of one method: RMSE in space and of each axis at some instants, and of each axis overall.
 
     Args:
-        name: of the method.
+        name: name of the method.
         square: (3, runs, T) squared errors of each axis.
         extra: further figures of each row.
     """
@@ -109,7 +112,7 @@ def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
 
 
 def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements of Secs. 2.4 and 2.5 about one scenario."""
+    """Verdicts on one of the four scenarios ([Lee] Secs. 2.4 and 2.5): PPS against the direct method, and bounds."""
     overall = {
         name: [v.find(table, f"{name} {a} overall") for a in AXIS_NAMES] for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
     }
@@ -131,7 +134,7 @@ def judge_scenario(scenario: int, table: Table) -> list[StatementVerdict]:
 
 
 def _reaches(key: str, stated: str, rows: Sequence[PaperRow], bound: Sequence[PaperRow]) -> StatementVerdict:
-    """Return the verdict on the ratio of error and bound, which is shown for the axis where it is largest.
+    """Verdict on the ratio of error and bound on every axis; the largest is shown.
 
     Args:
         key: id of the verdict.
@@ -149,7 +152,13 @@ def _reaches(key: str, stated: str, rows: Sequence[PaperRow], bound: Sequence[Pa
 
 
 def _below(key: str, planes: Sequence[PaperRow], direct: Sequence[PaperRow]) -> StatementVerdict:
-    """Return the verdict on whether a bound of the planes is below the direct one."""
+    """Verdict on whether the bound of standard deviations by projected planes is below the direct bound on some axis.
+
+    Args:
+        key: id of the verdict.
+        planes: rows of the bound of the projected planes, one for each axis.
+        direct: rows of the bound of the direct method, one for each axis.
+    """
     ratio = exact(min(p.mean / d.mean for p, d in zip(planes, direct, strict=True)))
     statement = (
         "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
@@ -240,7 +249,7 @@ def judge_particles(table: Table) -> list[StatementVerdict]:
 
 
 def sensors_table(size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
+    """Table of the RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
     n = FEW if size.quick else PARTICLES
     rows = []
     points = [(way, s) for way in WAYS for s in (3, 4)]
@@ -258,7 +267,7 @@ def sensors_table(size: Size, execute: Execute) -> Table:
 
 
 def judge_sensors(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statement of Sec. 2.4.5 that several sensors are better than one."""
+    """Verdicts on the statement of [Lee] Sec. 2.4.5 that several sensors are better than one."""
     out = []
     for way in WAYS:
         one, two = v.find(table, way, 1.0), v.find(table, way, 2.0)

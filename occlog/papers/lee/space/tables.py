@@ -28,7 +28,10 @@ MEAN = 4.0
 
 
 def table_of(name: str, size: Size, execute: Execute) -> Table:
-    """Return the table of the RMSE of each component and their average; the printed rule selects the planes."""
+    """Table of the RMSE of each component and their average, as [Lee] Table 2.1 or 2.2 (`name`), by way to combine.
+
+    The printed rule selects the planes.
+    """
     rule = {"selection": "printed"}
     specs = []
     for method, settings in WAYS.values():
@@ -48,7 +51,7 @@ def table_of(name: str, size: Size, execute: Execute) -> Table:
 
 
 def judge_table(name: str, table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the thesis' statement about the table, and its numbers."""
+    """Verdicts on [Lee] Table 2.1 or 2.2 (`name`): how ways to combine planes compare, and the printed errors."""
     key = f"table{name}"
     out = []
     y = [(v.find(table, WEIGHTED, 2.0), v.find(table, EQUAL, 2.0))]

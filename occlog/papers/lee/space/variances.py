@@ -53,7 +53,10 @@ EYE = np.eye(3)
 
 
 def variances(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Variance of the projected angle over that of the measured ones, against theta for some phi; shares at x NaN."""
+    """Table of the variance of the projected angle over that of the measured ones, against theta, for some phi.
+
+    Also shares of directions for which printed statements are wrong, at x NaN.
+    """
     rows = []
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 22)))
     draws = DRAWS // 10 if size.quick else DRAWS
@@ -83,11 +86,11 @@ def _sampled(theta: float, phi: float, plane: int, draws: int, rng: np.random.Ge
     """Draw measurements; return the variance of their angle in a plane over that of a measured angle.
 
     Args:
-        theta: true polar angle [rad].
-        phi: true azimuth [rad].
+        theta: true azimuth [rad].
+        phi: true polar angle [rad].
         plane: index of the plane.
         draws: number of measurements.
-        rng: their noise.
+        rng: random generator of their noise.
     """
     noisy = direction(theta + SIGMA * rng.standard_normal(draws), phi + SIGMA * rng.standard_normal(draws))
     true = projected_angles(direction(np.asarray(theta), np.asarray(phi)))[plane]
@@ -95,10 +98,10 @@ def _sampled(theta: float, phi: float, plane: int, draws: int, rng: np.random.Ge
 
 
 def printed_projection(theta: Floats, phi: Floats) -> Floats:
-    """Projected angles by [Lee] Eq. 2.1 and 2.2 as printed, which are wrong on most of the sphere.
+    """Projected angles by [Lee] Eqs. 2.1 and 2.2 as printed, which are wrong on most of the sphere.
 
     They are wrong for yz where x < 0, on half of the sphere, since |sec theta| should be sec theta; and for
-    zx everywhere but where x >= 0 and z >= 0, on three quarters: also |sec|, the case
+    zx everywhere but where x >= 0 and z >= 0, on three quarters: also |sec|, and the case
     gamma = pi is printed for x < 0 and not for z < 0.  `projected_angles` is right.
 
     Args:
@@ -106,7 +109,7 @@ def printed_projection(theta: Floats, phi: Floats) -> Floats:
         phi: (...,) polar angle [rad].
 
     Returns:
-        (..., 3) [rad, 0..2 pi]; zx is NaN where z < 0 and x >= 0, for which no case is
+        (..., 3) angles in the planes xy, yz, zx [rad]; zx is NaN where z < 0 and x >= 0, for which no case is
         printed.  Where two cases are (z >= 0, x < 0), the first one holds.
     """
     x, y, z = np.moveaxis(direction(theta, phi), -1, 0)
@@ -120,11 +123,10 @@ def printed_projection(theta: Floats, phi: Floats) -> Floats:
 
 
 def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
-    """Return shares of random directions for which a printed statement is wrong.
+    """Shares of random directions for which a printed statement is wrong, by name.
 
-    yz, zx: the projected angles of Eqs. 2.1 and 2.2.  rule: the plane in addition to xy is not the better one of yz and
-        zx.
-    band: for phi from 45 to 135 degrees the variance of yz is not below that of the measurement.
+    yz, zx: the projected angles of [Lee] Eqs. 2.1 and 2.2. rule: the plane in addition to xy is not the better one of
+    yz and zx. band: for phi from 45 to 135 degrees the variance of yz is not below that of the measurement.
     """
     theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)
     phi = np.arccos(rng.uniform(-1.0, 1.0, DIRECTIONS))
@@ -142,15 +144,15 @@ def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _variances(theta: Floats, phi: Floats) -> Floats:
-    """Return the variances (N, 3) of the angles in each plane over that of the measurements, to first order.
+    """(N, 3) first-order variances of the angles in the planes xy, yz, zx over that of the measurements.
 
-    `theta`, `phi`: (N,) directions [rad].
+    `theta` (N,) are azimuths, `phi` (N,) polar angles [rad].
     """
     return np.diagonal(projected_covariance(theta, phi, sigma_theta=1.0, sigma_phi=1.0, rotation=EYE), axis1=1, axis2=2)
 
 
 def xy_is_worst(seed: int) -> float:
-    """Return the share of random directions for which xy is not among the two planes of least variance."""
+    """Share of random directions for which xy is not among the two planes of least variance."""
     rng = np.random.default_rng(seed)
     theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)
     variance = _variances(theta, np.arccos(rng.uniform(-1.0, 1.0, DIRECTIONS)))
@@ -159,7 +161,7 @@ def xy_is_worst(seed: int) -> float:
 
 
 def judge(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on first order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
+    """Verdicts on first order against Monte Carlo, and on the statements of [Lee] Secs. 2.1.2 and 2.2.1."""
     points = []
     for row in table:
         if row.series.endswith(FIRST):
@@ -191,12 +193,12 @@ def judge(table: Table) -> list[StatementVerdict]:
 
 
 def _rarely(key: str, statement: str, wrong: Measure, limit: float) -> StatementVerdict:
-    """Return the verdict on a statement that should be wrong for few directions; in part: for fewer than by chance.
+    """Verdict on a statement that should be wrong for few directions; in part: for fewer than by chance.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
-        wrong: share of directions, 0 to 1.
+        wrong: share of directions for which it is wrong, 0 to 1.
         limit: largest share.
     """
     rule = f"at most {limit:g}; in part: at most {CHANCE:g} (chance is 0.5)"

@@ -33,14 +33,16 @@ UNITS = {"degrees": 1.0, "radians": math.degrees(1.0)}
 
 
 def weight_trial(spec: Spec) -> dict[str, float]:
-    """Draw particles and measurements at each instant, and sum the particles' weights.
+    """Sums of the weights of particles in a plane and in space, at each variance of the measurements.
+
+    At each instant particles are drawn around the true position, and one pair of measured angles.
 
     Args:
-        spec: `seed`, `run`, `steps`.
+        spec: `seed`, `run` and `steps`, the number of instants.
 
     Returns:
-        `plane_VARIANCE` and `space_VARIANCE`: sums, mean over the instants [1/deg, 1/deg^2].  The draws are the
-        same for all variances.
+        For each value of `VARIANCES` (as in the key) `plane_VARIANCE` [1/deg], the sum of weights in the plane yz, and
+        `space_VARIANCE` [1/deg^2], that in space; means over the instants. The draws are the same for all variances.
     """
     rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(spec["run"], 2009, 27)))
     w = world(SCENARIO, spec["steps"])
@@ -87,7 +89,7 @@ def sums(size: Size, execute: Execute) -> Table:
 
 
 def judge_sums(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 2-7."""
+    """Verdicts on [Lee] Fig. 2-7: sums of weights in a plane are larger than in space, and depend less on the noise."""
     out = []
     keys = {"degrees": "fig2.7-larger", "radians": "fig2.7-unit"}
     for unit, key in keys.items():

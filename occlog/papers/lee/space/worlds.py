@@ -61,26 +61,33 @@ NOISE, FILTER = 0, 1
 
 
 class SpaceWorld(NamedTuple):
-    """A path of T instants, and S upright arrays."""
+    """True path of a target at T instants, and S arrays that are not rotated.
 
-    states: Floats  # (T, 6) x, y, z [m], then their velocities [m/s]
-    dt: Floats  # (T,) time since the instant before [s]; the first is 0
-    positions: Floats  # (S, 3) of the arrays [m]
-    prior: tuple[float, float]  # standard deviations of a position [m] and of a velocity [m/s]
+    Attributes:
+        states: (T, 6) position x, y, z [m] and velocity [m/s].
+        dt: (T,) time since the instant before [s]; the first is 0.
+        positions: (S, 3) positions of the arrays [m].
+        prior: standard deviations of the filter's prior per axis, of the position [m] and of the velocity [m/s].
+    """
+
+    states: Floats
+    dt: Floats
+    positions: Floats
+    prior: tuple[float, float]
 
     @property
     def P0(self) -> Floats:  # noqa: N802 - the paper's letter
-        """Prior covariance (6, 6) of position and velocity."""
+        """Prior covariance (6, 6), diagonal, of x, y, z [m] and their velocities [m/s]."""
         return np.diag([self.prior[0] ** 2] * 3 + [self.prior[1] ** 2] * 3)
 
     @property
     def sensors(self) -> tuple[Floats, Floats]:
-        """Positions (S, 3) and rotations (S, 3, 3) of the arrays."""
+        """Positions (S, 3) [m] and rotations (S, 3, 3) of the arrays; the rotations are identities."""
         return self.positions, np.tile(np.eye(3), (len(self.positions), 1, 1))
 
 
 def world(scenario: int, steps: int) -> SpaceWorld:
-    """Return scenario 1 to 4 of Sec. 2.4, or `TABLE`, the world of Tables 2.1 and 2.2, with `steps` instants."""
+    """World of [Lee] Sec. 2.4, `scenario` 1 to 4, or of Tables 2.1 and 2.2 (`TABLE`), with `steps` instants."""
     if scenario == TABLE:
         return _table_world(steps)
     dt = np.full(steps, STEP_S)
@@ -91,6 +98,7 @@ def world(scenario: int, steps: int) -> SpaceWorld:
 
 
 def _table_world(steps: int) -> SpaceWorld:
+    """World of [Lee] Tables 2.1 and 2.2, `steps` instants: one array; the target turns in yz, not in x."""
     states = np.empty((steps, 6))
     states[0] = TABLE_START
     turn = turn_matrix(TABLE_TURN / math.hypot(*TABLE_START[4:]), TABLE_STEP_S)  # of y, vy, z, vz
@@ -104,7 +112,10 @@ def _table_world(steps: int) -> SpaceWorld:
 
 
 def scans(w: SpaceWorld, rng: Generator) -> list[Scan]:
-    """Draw the reports of the arrays in the world `w`: both angles with noise, labelled, at each of T instants."""
+    """Noisy measured angles of the arrays in the world `w`: a list of T scans, each with one report per array.
+
+    A report has bearing and elevation with noise of standard deviation `SIGMA`, and target 0 as its label.
+    """
     T, S = len(w.states), len(w.positions)
     angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.positions]
     theta = np.stack([a for a, _ in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
@@ -125,21 +136,22 @@ def scans(w: SpaceWorld, rng: Generator) -> list[Scan]:
 
 
 def scene_of(w: SpaceWorld) -> Scene:
-    """Return a scene of the arrays, without a room."""
+    """Scene with the arrays of the world `w`, in metres, without a room."""
     arrays = tuple(MicrophoneArray(f"array{i}", p, sigma=SIGMA) for i, p in enumerate(w.positions))
     return Scene(arrays=arrays, length_unit="m")
 
 
 def space_spec(size: Size, run: int, scenario: int, method: str, particles: int, **settings: Any) -> Spec:
-    """Return the specification of a trial for `space_trial`.
+    """Specification of a trial for `space_trial`.
 
     Args:
-        size: steps, and the seed of all runs.
+        size: number of instants, and the seed of the experiment.
         run: number of the run.
         scenario: 1 to 4, or `TABLE`.
-        method: `direct3d` or `pps`.
+        method: filter, `direct3d` or `pps`.
         particles: number of particles.
-        **settings: of the method; `wrong`: the plane yz has a wrong model for a time.
+        **settings: settings of the filter; also `wrong`: true if the plane yz has a wrong model of motion for
+            `WRONG_FOR` steps from `WRONG_FROM` (`TABLE` with `pps` only).
     """
     return {
         "paper": "lee2",
@@ -154,11 +166,14 @@ def space_spec(size: Size, run: int, scenario: int, method: str, particles: int,
 
 
 def space_trial(spec: Spec) -> dict[str, float]:
-    """Run a trial; equal seed, run and scenario have equal noise and prior for every method.
+    """Run one filter on one world; equal seed, run and scenario have equal noise and prior for every method.
+
+    Args:
+        spec: see `space_spec`.
 
     Returns:
-        Squared errors `x_k`, `y_k`, `z_k` at instant k [m^2], and `xy_yz`, the share of estimates from the
-        planes xy and yz (NaN for the direct method).
+        Squared errors `x_k`, `y_k`, `z_k` at instant k [m^2], and `xy_yz`, the share of estimates from the planes xy
+        and yz (NaN for the direct method).
     """
     w = world(spec["scenario"], spec["steps"])
     key = (spec["run"], 2009, spec["scenario"])
@@ -175,13 +190,13 @@ def space_trial(spec: Spec) -> dict[str, float]:
 def _track(
     w: SpaceWorld, given: list[Scan], start: tuple[float, ...], spec: Spec, rng: Generator
 ) -> tuple[Floats, list[list[int]]]:
-    """Run the filter; return estimates (T, 3), and the selected planes of each (none for the direct method).
+    """Run the filter of `spec`: estimated positions (T, 3) [m], and the planes selected at each instant.
 
     Args:
-        w: the world.
+        w: world of the trial.
         given: T scans.
-        start: mean and deviations of the first state.
-        spec: see `space_spec`.
+        start: mean (6,), then standard deviations (6,), of the first state [m, m/s].
+        spec: see `space_spec`; with `direct3d` the list of planes is empty.
         rng: random numbers of the particles.
     """
     table, settings = spec["scenario"] == TABLE, dict(spec["settings"])
@@ -202,6 +217,7 @@ def _track(
 
 
 def _track_directly(w: SpaceWorld, given: list[Scan], config: Direct3dConfig, rng: Generator) -> Floats:
+    """Positions (T, 3) [m] that the direct 3-D filter estimates from the T scans `given` in the world `w`."""
     state, positions = direct3d.init(scene_of(w), config, rng), np.empty((len(given), 3))
     for k, scan in enumerate(given):
         state, estimate = direct3d.step(state, scan, rng)
@@ -217,9 +233,17 @@ def _track_by_planes(
     models: list[tuple[AccelerationModel, ...]] | None,
     rng: Generator,
 ) -> tuple[Floats, list[list[int]]]:
-    """Run PPS on the scans `given` (T); return estimates (T, 3), and the planes selected at each.
+    """Run the particle filter in projected planes (PPS) on T scans: positions (T, 3) [m], and the selected planes.
 
-    `models`: each plane's motion up to every instant; None: that of the settings.
+    Args:
+        w: world of the trial.
+        given: T scans.
+        config: settings of the filter.
+        models: for each scan the motion of each plane since the one before; None: the motion of `config`.
+        rng: random numbers of the particles.
+
+    Returns:
+        The positions, and for each scan the numbers of the two planes that give its estimate.
     """
     state, positions = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
     pairs = []
@@ -234,9 +258,12 @@ def _track_by_planes(
 
 
 def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationModel, ...]:
-    """Return each plane's motion up to instant k: a turn in yz, the known acceleration of one axis elsewhere.
+    """Models of each plane's motion up to instant k in the world `w`: a turn in yz, elsewhere the known acceleration.
 
-    `wrong`: the plane yz gets no turn.
+    Args:
+        w: the world of the tables.
+        k: number of the instant.
+        wrong: whether the plane yz gets no turn.
     """
     change = (w.states[k] - w.states[max(k - 1, 0)])[3:] / TABLE_STEP_S
     still = np.zeros(2)
@@ -247,10 +274,10 @@ def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationMode
 
 @functools.lru_cache(maxsize=16)
 def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
-    """Return standard deviations (T, 3) of x, y and z [m] in a `scenario`: the direct bound, and that of the planes.
+    """Bounds (T, 3) of the standard deviations of x, y and z [m]: of the direct method, and of two planes.
 
-    At each of T = `steps` instants the planes are the two with the least variances of their angles at the true
-    position, over all arrays; on the axis that both have, the lower bound counts.
+    At each of T = `steps` instants of `scenario` the planes are the two with the least variances of their angles at the
+    true position, over all arrays; on the axis that both have, the lower bound counts.
     """
     w = world(scenario, steps)
     xyz, sigmas = w.states[:, :3], (SIGMA, SIGMA)

@@ -47,11 +47,11 @@ class TrafficConfig(Settings):
 
     @property
     def protocols(self) -> tuple[str, ...]:
-        """Distinct names in `protocol`, in order."""
+        """Distinct protocols that the setting `protocol` lists, in order."""
         return tuple(dict.fromkeys(listed(self.protocol)))
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that sizes are above 0 and shares from 0 to 1."""
+        """Constraints, each as setting, whether it holds, and allowed values: sizes above 0, shares above 0 to 1."""
         yield "image_kb", min(self.image_kb) > 0.0 and max(self.image_kb) <= 1e5, "above 0 and at most 100000 each"
         shares = self.objects_share
         yield "objects_share", min(shares) > 0.0 and max(shares) <= 1.0, "above 0 and at most 1 each"

@@ -41,7 +41,10 @@ PRINTED = {
 
 
 def network(scenario: int, channel: str = SHARED) -> RouterNetwork:
-    """Return the string of five routers and a server ([Lee] Fig. 5-41) in a scenario, with a kind of `channel`."""
+    """String of five routers and a server ([Lee] Fig. 5-41) with the objects and cameras of a scenario, 1 to 3.
+
+    `channel`: what the links between routers share; one of `CHANNELS`.
+    """
     tracking, cameras = SCENARIOS[scenario]
     return RouterNetwork(
         links=(*pairwise(ROUTERS), ("R5", "server")),
@@ -58,7 +61,10 @@ def network(scenario: int, channel: str = SHARED) -> RouterNetwork:
 
 
 def end_to_end(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Table of the largest end-to-end delay of each scenario, channel and protocol against image size and share."""
+    """Table of the largest end-to-end delay [s] by scenario, channel and protocol, against image size [kB] and share.
+
+    Nothing is drawn at random, so that both arguments are ignored.
+    """
     rows = []
     for scenario in SCENARIOS:
         for channel in CHANNELS:
@@ -71,7 +77,10 @@ def end_to_end(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def hop_by_hop(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Return the table of mean delays of a hop of each kind of message, with the printed ones."""
+    """Table of the mean delay of a hop [s] by kind of message and scenario, with the printed delay where there is one.
+
+    Nothing is drawn at random, so that both arguments are ignored.
+    """
     rows = []
     for scenario, printed in PRINTED.items():
         for case in _cases(scenario, SHARED, (USUAL_KB,), (USUAL_SHARE,)):
@@ -88,12 +97,13 @@ def hop_by_hop(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def _cases(scenario: int, channel: str, images_kb: tuple[float, ...], shares: tuple[float, ...]) -> list[TrafficCase]:
+    """Simulated cycles of both protocols in a scenario with a kind of channel, at each image size [kB] and share."""
     config = TrafficConfig(image_kb=images_kb, objects_share=shares)
     return list(simulate_traffic(network(scenario, channel), config))
 
 
 def judge_end_to_end(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the orderings that the text states; nothing is random, so that a difference has no error bar."""
+    """Verdicts on the orderings that the text states, from the table of `end_to_end`; nothing has an error bar."""
     out = []
     for scenario, (low, high) in {1: PROTOCOLS, 2: PROTOCOLS[::-1], 3: PROTOCOLS[::-1]}.items():
         for channel in CHANNELS:
@@ -130,7 +140,10 @@ def judge_end_to_end(table: Table) -> list[StatementVerdict]:
 
 
 def judge_hops(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the orderings of the printed hop-by-hop delays; the numbers depend on settings that are not given."""
+    """Verdicts on the orderings of the printed hop-by-hop delays, from the table of `hop_by_hop`.
+
+    The numbers themselves depend on settings that the thesis does not give.
+    """
     out = []
     for scenario in PRINTED:
         for kind in ("visual sensing data", "final estimation data"):
@@ -148,13 +161,13 @@ def judge_hops(table: Table) -> list[StatementVerdict]:
 
 
 def _ordered(key: str, statement: str, gaps: list[float], of: str) -> StatementVerdict:
-    """Return the verdict on whether all gaps are above 0; the smallest is shown.
+    """Verdict on whether all gaps are above 0; the smallest is shown.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
-        gaps: differences.
-        of: words for what they are of.
+        gaps: differences of delays [s], or of ratios, that the statement has above 0.
+        of: words for what the gaps are taken over, for the rule of the verdict.
     """
     points = [v.StatementPoint(exact(gap), v.above(0.0)) for gap in gaps]
     shown = exact(min(gaps)) if gaps else None

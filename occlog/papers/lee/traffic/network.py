@@ -21,17 +21,24 @@ from typing import NamedTuple
 
 @dataclass(frozen=True)
 class SensorNode:
-    """A node with a reader and an array of microphones."""
+    """A node with an RFID reader and an array of microphones.
+
+    Attributes:
+        name: name of the node.
+        router: name of the router that it is connected to.
+        detects: number of objects that its reader detects.
+        assigned: share of the router's tracked objects that its array is to hear.
+    """
 
     name: str
     router: str
-    detects: int  # objects that its reader detects
-    assigned: float  # share of the router's tracked objects that it is to hear
+    detects: int
+    assigned: float
 
 
 @dataclass(frozen=True)
 class CameraNode:
-    """Camera, and the name of the router that it is connected to."""
+    """A camera by `name`, and the name of the `router` that it is connected to."""
 
     name: str
     router: str
@@ -39,12 +46,20 @@ class CameraNode:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of packets, acknowledgements and messages, in bytes."""
+    """Sizes of packets, acknowledgements and messages, in bytes.
 
-    packet: int = 1000  # payload of a packet, at most
-    header: int = 0  # added to each packet
-    ack: int = 40  # acknowledgement of a packet of an image, at each hop
-    detection: int = 8  # of an object
+    Attributes:
+        packet: payload of a packet, at most.
+        header: added to each packet.
+        ack: acknowledgement of a packet of an image, at each hop.
+        detection, assigned, acoustic, estimate: data of one object in messages of detections, of assigned objects, of
+            measured sounds, and of estimates.
+    """
+
+    packet: int = 1000
+    header: int = 0
+    ack: int = 40
+    detection: int = 8
     assigned: int = 8
     acoustic: int = 16
     estimate: int = 24
@@ -52,18 +67,19 @@ class Sizes:
 
 @dataclass(frozen=True)
 class RouterNetwork:
-    """Nodes and links.
+    """Routers, server, sensors and cameras, and the links between them.
 
     Attributes:
-        links: pairs of routers, or of a router and the server.
+        links: pairs of names of two routers, or of a router and the server.
         server: name of the server.
         sensors: nodes with readers and arrays.
         cameras: at least one.
-        objects: number of objects in the range of each router that has some.
-        rate_bps: of every channel [bit/s].
-        channel: what the links share: `shared`, `node` or `link`.
-        sizes: bytes of messages.
-        processing_s: time that an estimate takes.
+        objects: number of objects in the range of a router, by its name; a router that is missing has none.
+        rate_bps: rate of every channel [bit/s].
+        channel: what links between routers share: one channel (`shared`), a radio at each node (`node`) or nothing
+            (`link`).
+        sizes: sizes of packets and messages.
+        processing_s: time that the computation of an estimate takes [s].
     """
 
     links: tuple[tuple[str, str], ...]
@@ -82,7 +98,7 @@ class RouterNetwork:
         return tuple(dict.fromkeys(name for pair in self.links for name in pair))
 
     def channels(self, a: str, b: str) -> frozenset[str]:
-        """Return the channels that a hop from a to b occupies.
+        """Names of the channels that a hop from node a to node b occupies.
 
         The sensors of a router share a channel, and each camera has one ([Lee] Fig. 5-41: groups have different
         channels).
@@ -100,9 +116,10 @@ class RouterNetwork:
         return frozenset({"link " + " ".join(sorted((a, b)))})
 
     def tree(self, source: str, destinations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-        """Return the children of each node in the tree of shortest paths from the node `source` to all destinations.
+        """Children of each node in the tree of shortest paths from the node `source` to all destinations.
 
-        KeyError names a destination that no way leads to.
+        Raises:
+            KeyError: no way leads to a destination; it names this one, or a node on the way.
         """
         attached = [(s.name, s.router) for s in self.sensors] + [(c.name, c.router) for c in self.cameras]
         ways = (*self.links, *attached)
@@ -136,18 +153,18 @@ SLOT = 1e-12
 
 @dataclass
 class NetworkMessage:
-    """Messages with their delays and losses.
+    """A message, with its delays so far; all times [s].
 
     Attributes:
-        kind: what it is.
-        source, destinations: nodes.
+        kind: what it contains, one of `KINDS`.
+        source, destinations: names of nodes.
         sent_s: when the first packet began to wait.
         packets: number of packets.
-        hops: number of hops of all packets.
+        hops: number of hops of all packets so far.
         air_s: time on the air of all hops, acknowledgements included.
         hop_s: sum over hops from when the packet begins to wait to when it has arrived.
         ack_s: sum over hops from when a packet arrives to when its acknowledgement has arrived.
-        arrived_s: when the last destination had all packets.
+        arrived_s: when the last destination had all packets; NaN before.
     """
 
     kind: str
@@ -164,7 +181,16 @@ class NetworkMessage:
 
 @dataclass
 class _PacketHop:
-    """One packet that waits for, or is sent over, one link."""
+    """One packet that waits for, or is sent over, one link.
+
+    Attributes:
+        channels: channels that the hop occupies.
+        packet_s: time on the air of the packet [s].
+        ack_s: time on the air of its acknowledgement [s]; 0 without one.
+        since_s: when it began to wait [s].
+        message: message that the packet belongs to, updated on arrival.
+        then: is called with the time of the packet's arrival [s].
+    """
 
     channels: frozenset[str]
     packet_s: float
@@ -176,7 +202,13 @@ class _PacketHop:
 
 @dataclass
 class NetworkSimulation:
-    """Time, events to come, and hops that wait for their channels."""
+    """Discrete events in a network: the time, events to come, and hops that wait for their channels.
+
+    Attributes:
+        network: nodes, links and sizes.
+        now_s: current time [s].
+        messages: all messages sent so far.
+    """
 
     network: RouterNetwork
     now_s: float = 0.0
@@ -187,12 +219,12 @@ class NetworkSimulation:
     _busy: set[str] = field(default_factory=set)
 
     def at(self, time_s: float, then: Then) -> None:
-        """Schedule the call of `then` at `time_s` [s]; calls of equal time run in the order of scheduling."""
+        """Schedule the call of `then` at the time `time_s` [s]; calls at equal times run in the order of scheduling."""
         heapq.heappush(self._events, (time_s, self._number, then))
         self._number += 1
 
     def run(self) -> None:
-        """Run all scheduled calls in the order of time, those that they schedule included."""
+        """Run all scheduled calls in the order of time, with those that they schedule, until none is left."""
         while self._events:
             self.now_s, _, then = heapq.heappop(self._events)
             then(self.now_s)
@@ -210,15 +242,18 @@ class NetworkSimulation:
         arrived: Callable[[str, float], None],
         reliable: bool = False,
     ) -> None:
-        """Send a message now, in packets.
+        """Send a message at the current time, in packets.
 
         Args:
-            kind: what it is.
+            kind: what it contains, one of `KINDS`.
             source: node that sends it.
             destinations: nodes that get it, on the shortest ways; the source itself may be one.
-            size: bytes.
-            arrived: is called with each destination when it has all packets.
-            reliable: each packet is acknowledged at each hop.
+            size: size of the message in bytes, rounded up.
+            arrived: is called with each destination and the time [s] at which it has all packets.
+            reliable: whether each packet is acknowledged at each hop.
+
+        Raises:
+            KeyError: no way leads to a destination.
         """
         sizes = self.network.sizes
         full, rest = divmod(math.ceil(size), sizes.packet)
@@ -256,11 +291,12 @@ class NetworkSimulation:
             reach(source, payload, self.now_s)
 
     def _wait(self, hop: _PacketHop) -> None:
+        """Add a hop to those that wait; it begins at once if its channels are free."""
         self._waiting.append(hop)
         self.at(self.now_s, lambda _: None)  # so that it begins now if it can
 
     def _begin(self) -> None:
-        """Start all hops with free channels, in order of arrival."""
+        """Start all waiting hops with free channels, in the order in which they came to wait."""
         left = []
         for hop in self._waiting:
             if hop.channels & self._busy:
@@ -270,6 +306,7 @@ class NetworkSimulation:
         self._waiting = left
 
     def _occupy(self, hop: _PacketHop) -> None:
+        """Start a hop: occupy its channels until the acknowledgement has arrived, and schedule the packet's arrival."""
         self._busy |= hop.channels
         arrival = self.now_s + hop.packet_s
 
@@ -295,20 +332,25 @@ RBVC, SBVC = "rbvc", "sbvc"
 
 
 class Cycle(NamedTuple):
-    """Result of one tracking cycle: delays [s] by router with objects, and all messages."""
+    """Result of one tracking cycle.
 
-    delays: dict[str, float]  # of each router with objects: from the detection to the last final estimate [s]
+    Attributes:
+        delays: delay from the detection to the last final estimate [s], by router with objects.
+        messages: all messages of the cycle.
+    """
+
+    delays: dict[str, float]
     messages: list[NetworkMessage]
 
 
 class _Gate:
-    """Counts events of each router and triggers an action once all have occurred."""
+    """Counter of events that states when the last of them has occurred; `wanted`: their number."""
 
     def __init__(self, wanted: int) -> None:
         self._left = wanted
 
     def passed(self) -> bool:
-        """Count one event; return whether it was the last."""
+        """Count one event; true if it was the last."""
         self._left -= 1
         return self._left == 0
 
@@ -316,14 +358,14 @@ class _Gate:
 def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, share: float) -> Cycle:
     """Simulate one cycle: all nodes detect at time 0, and cameras take their images then.
 
-    RBVC: images go to all routers that track objects; each sends its final estimate to the server.  SBVC: images and
-    the acoustic estimates go to the server, which sends each router its final estimate.
+    RBVC: images go to all routers that track objects; each sends its final estimate to the server. SBVC: images and the
+    acoustic estimates go to the server, which sends each router its final estimate.
 
     Args:
-        network: nodes, links, sizes.
+        network: nodes, links and sizes.
         protocol: `rbvc` or `sbvc`.
-        image_bytes: size of each image.
-        share: share of the objects that are tracked.
+        image_bytes: size of each image in bytes.
+        share: share of each router's objects that are tracked, 0 to 1.
     """
     simulation = NetworkSimulation(network)
     tracking = [name for name, number in network.objects.items() if number > 0]
@@ -372,13 +414,13 @@ def simulate_cycle(network: RouterNetwork, protocol: str, image_bytes: float, sh
 
 
 def _sense(simulation: NetworkSimulation, router: str, share: float, heard: Then) -> None:
-    """Simulate detection, assignment and listening of one router's sensors.
+    """Start detection, assignment and listening of one router's sensors; each step follows when messages arrive.
 
     Args:
-        simulation: at the time of the detection.
-        router: router of the sensors.
-        share: share of the objects that are tracked.
-        heard: happens when the router has the data of all arrays.
+        simulation: simulation at the time of the detection; messages are sent in it.
+        router: name of the router.
+        share: share of its objects that are tracked, 0 to 1.
+        heard: is called with the time [s] at which the router has the data of all arrays.
     """
     network = simulation.network
     sizes, objects = network.sizes, share * network.objects[router]

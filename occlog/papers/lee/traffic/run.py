@@ -16,7 +16,7 @@ from .stage import TrafficCase, delay_rows, simulate_traffic
 
 
 def run_traffic(request: TrafficRequest, job: Job) -> tuple[dict[str, object], tuple[()]]:
-    """Simulate all cases and write their delays; return the summary, and no losses."""
+    """Simulate all cases of a request and write their delays; a summary for the terminal, and no losses."""
     config = configure(TrafficConfig(), request.settings)
     network = network_of(read_network(request.network))
     cases: list[TrafficCase] = []
@@ -36,11 +36,12 @@ def run_traffic(request: TrafficRequest, job: Job) -> tuple[dict[str, object], t
 
 
 def _name(case: TrafficCase) -> str:
+    """Name of a case in the summary: protocol, size of images and share of objects."""
     return f"{case.protocol} {case.image_kb:g} kB {case.share:g}"
 
 
 def network_of(spec: NetworkSpec) -> RouterNetwork:
-    """Return the network that the content of a file specifies."""
+    """Network of the simulation from the checked content `spec` of a file."""
     return RouterNetwork(
         links=tuple((a, b) for a, b in spec.links),
         server=spec.server,

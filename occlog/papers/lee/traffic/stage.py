@@ -18,7 +18,15 @@ KILOBYTE = 1000.0
 
 
 class TrafficCase(NamedTuple):
-    """Configuration and result of one simulated tracking cycle."""
+    """One simulated tracking cycle and its settings.
+
+    Attributes:
+        protocol: `rbvc` or `sbvc`.
+        channel: what links between routers share: `shared`, `node` or `link`.
+        image_kb: size of an image, in units of 1000 bytes.
+        share: share of the objects that are tracked, 0 to 1.
+        cycle: delays and messages.
+    """
 
     protocol: str
     channel: str
@@ -28,7 +36,7 @@ class TrafficCase(NamedTuple):
 
     @property
     def delay_s(self) -> float:
-        """Return the largest end-to-end delay over the routers [s]."""
+        """Largest end-to-end delay over the routers with objects [s]."""
         return max(self.cycle.delays.values())
 
 
@@ -43,7 +51,7 @@ def simulate_traffic(network: RouterNetwork, config: TrafficConfig) -> Iterator[
 
 
 def delay_rows(case: TrafficCase) -> Delays:
-    """Tabulate a case: a row for each message, and one for each router from the detection to its final estimate."""
+    """Table of a case: for each router a row from the detection to its final estimate, and a row for each message."""
     messages, ends = case.cycle.messages, sorted(case.cycle.delays.items())
     n, m = len(messages), len(ends)
     none = np.full(m, np.nan)
@@ -68,7 +76,7 @@ def delay_rows(case: TrafficCase) -> Delays:
 
 
 def hop_delays(case: TrafficCase) -> dict[str, float]:
-    """Return the mean hop delay of each kind of message [s]."""
+    """Mean delay of a hop [s] by kind of message; kinds without hops are missing."""
     found: dict[str, float] = {}
     for kind in KINDS:
         own = [m for m in case.cycle.messages if m.kind == kind and m.hops]

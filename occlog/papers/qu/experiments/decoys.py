@@ -38,7 +38,7 @@ MAY = 10.0
 
 
 def decoys(size: Size, execute: Execute) -> Table:
-    """Table of the share of runs in which the tracker is on a wrong target at the end [%]; x is the scene, from 1."""
+    """Table of the runs in which the diverted tracker is on a wrong target at the end [%]; x is the scene, from 1."""
     results = execute([_spec(size, run, scene) for scene in SCENES for run in range(size.runs)])
     rows = []
     for label in METHODS:
@@ -51,6 +51,10 @@ def decoys(size: Size, execute: Execute) -> Table:
 
 
 def _spec(size: Size, run: int, scene: str) -> Spec:
+    """Specification of a trial of all methods on one staged video, with one tracker put beside its nearest neighbour.
+
+    `size` and `run` give the seed; `scene`: a key of `SCENES`.
+    """
     balls = {"frames": size.steps, "balls": BALLS}
     config, seed, frame = configure(BallsConfig(), balls), seed_of(size, run), max(1, round(AT * size.steps))
     positions = ball_cameras(config)[0].project(staged_paths(config, seed, scene).centres[frame])
@@ -67,7 +71,7 @@ def _spec(size: Size, run: int, scene: str) -> Spec:
 
 
 def judge_decoys(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether CMCT attaches to wrong targets on the line, because of the line, and BMCT does less."""
+    """Verdicts on whether trackers of CMCT attach to wrong targets near the epipolar line, and those of BMCT less."""
     out = []
     on, off = (f"others {name}" for name in SCENES.values())
     bmct = v.find(table, f"BMCT, {on}")

@@ -37,11 +37,17 @@ RESAMPLES = 1000
 
 
 class FailureCurve(NamedTuple):
-    """Failures of a filter at one number of targets, of K numbers of particles in R runs."""
+    """Failures of a filter at one number of targets, with K numbers of particles in R runs.
+
+    Attributes:
+        targets: number of targets.
+        totals: (K,) number of particles of all trackers in all views, rising.
+        rates: (K, R) sum of both failure rates [%].
+    """
 
     targets: int
-    totals: Floats  # (K,) particles of all trackers in all views, rising
-    rates: Floats  # (K, R) sum of both failure rates [%]
+    totals: Floats
+    rates: Floats
 
 
 def failure_rates(size: Size, execute: Execute) -> Table:
@@ -61,16 +67,20 @@ def failure_rates(size: Size, execute: Execute) -> Table:
 
 
 def series_of(name: str, targets: int) -> str:
-    """Return the series of a filter at a number of targets."""
+    """Name of the series of the filter `name` at a number of targets."""
     return f"{name}, {targets} targets"
 
 
 def total(targets: int, particles: int) -> float:
-    """Return the particles of all targets in all views."""
+    """Number of particles in all views for a number of targets, at `particles` of each target in a view."""
     return float(VIEWS * particles * targets)
 
 
 def _spec(size: Size, run: int, targets: int, tried: Mapping[str, Sequence[int]]) -> Spec:
+    """Specification of a trial of every filter with every number of particles, on one video.
+
+    `size` and `run` give the seed; `targets`: number of balls; `tried`: particles of a target in a view, by filter.
+    """
     methods: dict[str, Values] = {
         f"{name}-{k}": {"method": name.lower(), "set": {"particles": k * (targets if name == MCMC else 1)}}
         for name in tried
@@ -80,15 +90,15 @@ def _spec(size: Size, run: int, targets: int, tried: Mapping[str, Sequence[int]]
 
 
 def enough(totals: Floats, rates: Floats) -> float:
-    """Return the fewest particles that suffice; between two numbers the rate is linear in their logarithm.
+    """The fewest particles that suffice; between two numbers tried the rate is linear in their logarithm.
 
     Args:
         totals: (K,) numbers of particles, rising.
         rates: (K,) mean failures [%].
 
     Returns:
-        The number from which on the rate stays within `WORSE` of the last one; NaN if all do, so that fewer may
-        suffice, and if the last one is above `FOLLOWED`.
+        The number from which on the rate stays within `WORSE` of that of the last one; NaN if all do, so that fewer may
+        suffice, and if the last rate is above `FOLLOWED`.
     """
     limit = float(rates[-1]) + WORSE
     if rates[-1] > FOLLOWED:
@@ -102,7 +112,15 @@ def enough(totals: Floats, rates: Floats) -> float:
 
 
 def growth(curves: Sequence[FailureCurve], runs: Sequence[int] | slice = slice(None)) -> float:
-    """Return the exponent of sufficient particles in the number of targets, by means over some runs; NaN: lost."""
+    """Exponent with which the number of sufficient particles grows with that of targets, by means over some runs.
+
+    Args:
+        curves: failures at each number of targets.
+        runs: indices of the runs, all by default; with repetitions in a bootstrap.
+
+    Returns:
+        The slope between logarithms; NaN with fewer than two curves, or if a number of particles is not determined.
+    """
     need = np.array([enough(c.totals, c.rates[:, runs].mean(axis=1)) for c in curves])
     if len(need) < 2 or not np.all(np.isfinite(need)):
         return math.nan
@@ -110,7 +128,7 @@ def growth(curves: Sequence[FailureCurve], runs: Sequence[int] | slice = slice(N
 
 
 def curves_of(table: Table, name: str) -> list[FailureCurve]:
-    """Return the curves of failures over particles of the filter `name`, by rising number of targets."""
+    """Curves of failures over particles of the filter `name`, by rising number of targets, from the table."""
     out = []
     for n in (4, 5, 6, 8):
         rows = v.series(table, series_of(name, n))
@@ -120,7 +138,7 @@ def curves_of(table: Table, name: str) -> list[FailureCurve]:
 
 
 def judge_failures(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the growth of what suffices, the printed numbers, and that more particles are more stable."""
+    """Verdicts on how sufficient particles grow with the targets, on printed numbers, and on stability by particles."""
     out = []
     own = {name: [c for c in curves_of(table, name) if c.targets <= 6] for name in (BMCT, MCMC)}
     for name, good, statement in (
@@ -147,9 +165,9 @@ def judge_failures(table: Table) -> list[StatementVerdict]:
 
 
 def _more_stable(name: str, table: Table) -> list[StatementVerdict]:
-    """Return the verdict on whether the filter `name` fails less with the most particles than with the fewest.
+    """Verdict on whether the filter `name` fails less with the most particles than with the fewest.
 
-    Empty without rows of it.
+    A list of one; empty without rows of the filter, or without failures to reduce.
     """
     ends = [(rows[-1], rows[0]) for n in (4, 5, 6, 8) if (rows := v.series(table, series_of(name, n)))]
     statement = f"More particles are more stable ({name}): failures with the fewest less those with the most, by [%]."

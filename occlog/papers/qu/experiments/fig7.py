@@ -31,14 +31,17 @@ MANY = 100.0 / 3.0
 
 
 class MostHidden(NamedTuple):
-    """The frame of one quarter of the video in which most of the balls is hidden."""
+    """Frame of one quarter of the video in which most of the balls is hidden: `step`, with its trackers.
+
+    `visible`: sum of the balls' visible shares over all views.
+    """
 
     step: FollowedFrame
     visible: float  # sum of the balls' visible shares
 
 
 def fig7_shots(size: Size) -> Shots:
-    """Draw the first video: of each quarter the frame in which most is hidden, for each method and view."""
+    """Picture of the first video: of each quarter the frame in which most is hidden, for each method and view."""
     config = BallsConfig(frames=size.steps)
     seed = size.seed + 1
     spec = {"seed": seed}
@@ -63,13 +66,13 @@ def fig7_shots(size: Size) -> Shots:
 
 
 def shot_of(frame: BallsFrame, rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> FigureImage:
-    """Return the picture of one view of a frame with a method's trackers, their links and epipolar lines.
+    """Picture of one view of a frame with a method's trackers, their links and epipolar lines.
 
     Args:
         frame: images and true outlines.
-        rows: trackers of all views in this frame.
+        rows: the method's trackers of all views in this frame.
         view: index of the view.
-        geometry: fundamental matrices.
+        geometry: fundamental matrices between views.
     """
     own = np.flatnonzero(rows.view == view)
     marks = tuple(Mark(int(rows.target_id[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
@@ -80,13 +83,14 @@ def shot_of(frame: BallsFrame, rows: TrackerOutlines, view: int, geometry: ViewG
 
 
 def _good(frame: BallsFrame, rows: TrackerOutlines, i: int) -> bool:
+    """Whether the tracker in row i of `rows` has its centre within the radius of its own target in the frame."""
     true: Floats = frame.ellipses[rows.view[i], rows.target_id[i]]
     radius = float(np.sqrt(true[2] * true[3]))
     return bool(np.hypot(*(rows.ellipse[i, :2] - true[:2])) <= radius)
 
 
 def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[EpipolarLine, ...]:
-    """Return the epipolar lines in a view of the estimates in other views that help its trackers in this frame."""
+    """Epipolar lines in `view` of those estimates in other views that help its trackers in this frame."""
     out = []
     for i in np.flatnonzero(rows.view == view):
         for other in np.flatnonzero(rows.assisting_views[i]):
@@ -98,7 +102,7 @@ def _lines(rows: TrackerOutlines, view: int, geometry: ViewGeometry) -> tuple[Ep
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """Table of the share of trackers that are not on their target [%], in twentieths of the video and at its end."""
+    """Table of the trackers that are not on their target [%], by twentieth of the video, and in its last frame."""
     results = execute([spec_of(size, run) for run in range(size.runs)])
     rows = []
     for m in SHOWN:
@@ -119,7 +123,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Fig. 7: MIPF, IDMOT and BMCT."""
+    """Verdicts on the statements about [Qu] Fig. 7: how many trackers of MIPF, IDMOT and BMCT leave their targets."""
     end = {m: next(r for r in table if r.series == f"{m.upper()}, last frame") for m in SHOWN}
     hijacked, n = end["mipf"], end["mipf"].runs
     failed = sum(x > 0 for x in end["idmot"].values)

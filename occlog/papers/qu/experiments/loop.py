@@ -47,6 +47,12 @@ BMCT, IDMOT = "BMCT", "IDMOT"
 
 
 def _methods(quick: bool, frames: int) -> dict[str, dict[str, object]]:
+    """Settings by label of IDMOT and of BMCT with every shift, every other kind of wrong lines, and every exchange.
+
+    Args:
+        quick: whether only some of them are made.
+        frames: frames of the video, for the time of the exchange.
+    """
     pairs, at = range(1 if quick else INJECTED), max(1, round(AT * frames))
     shifts, balls = SHIFTS[::3] if quick else SHIFTS, BallsConfig().balls
     others = {} if quick else OTHERS
@@ -59,7 +65,7 @@ def _methods(quick: bool, frames: int) -> dict[str, dict[str, object]]:
 
 
 def loop(size: Size, execute: Execute) -> Table:
-    """Table of rates [%] of BMCT against the shift of the lines, with other wrong lines, and with injected failures."""
+    """Table of rates [%] of BMCT against the shift of the lines, with other wrong lines, and of injected failures."""
     methods = _methods(size.quick, size.steps)
     specs = [views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)]
     results = execute(specs)
@@ -77,9 +83,12 @@ def loop(size: Size, execute: Execute) -> Table:
 
 
 def _alarmed(row: PaperRow, results: Sequence[Mapping[str, float]], label: str) -> PaperRow:
-    """Return a copy of the row with the mean figures of the loop check.
+    """Copy of a row with the mean figures of the loop check as further columns.
 
-    `results`: figures of each run; `label`: of the method in them.
+    Args:
+        row: row of rates of one method.
+        results: figures of each run by name.
+        label: prefix of the method in the names of the figures.
     """
     extra = dict(row.extra)
     for name in ("checked", "bad", "false_alarm", "missed"):
@@ -90,6 +99,12 @@ def _alarmed(row: PaperRow, results: Sequence[Mapping[str, float]], label: str) 
 
 
 def _injected(methods: Iterable[str], results: Sequence[Mapping[str, float]]) -> list[PaperRow]:
+    """Rows on the trackers that were exchanged: frames until noticed, until back for good, and whether in time.
+
+    Args:
+        methods: labels of the methods; those that begin with `wrong` count.
+        results: figures of each run by name.
+    """
     labels = [label for label in methods if label.startswith("wrong ")]
     columns = {"noticed": "frames until a wrong tracker is noticed", "returned": "frames until it is back for good"}
     rows = [
@@ -107,14 +122,14 @@ OVER = f"noticed or back within {WITHIN} frames"
 
 
 def _finite(row: PaperRow) -> PaperRow:
-    """Return the row of its finite values, with their share and median."""
+    """Row with the finite values of `row` alone; their share and their median are further columns."""
     kept = tuple(x for x in row.values if math.isfinite(x))
     extra = {"share": len(kept) / row.runs, "median": float(np.median(kept)) if kept else math.nan}
     return PaperRow(row.series, row.x, kept, extra, plotted=row.plotted)
 
 
 def judge_loop(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on what the check notices, how often it is wrong, and whether BMCT is inferior to IDMOT."""
+    """Verdicts on what the check notices, how often it is wrong, and whether BMCT is inferior to IDMOT."""
     out = [*_noticed(table), *_alarms(table)]
     for rate, name in RATES.items():
         idmot, right = v.find(table, f"{IDMOT}, {name}"), v.find(table, f"{BMCT}, {name}", 0.0)
@@ -129,6 +144,7 @@ def judge_loop(table: Table) -> list[StatementVerdict]:
 
 
 def _noticed(table: Table) -> list[StatementVerdict]:
+    """Verdict on whether exchanged trackers are noticed, or back, within `WITHIN` frames; empty without such rows."""
     over = v.find(table, OVER)
     noticed = next((r for r in table if r.series.startswith("frames until a wrong tracker")), None)
     if over is None or noticed is None:
@@ -143,6 +159,7 @@ def _noticed(table: Table) -> list[StatementVerdict]:
 
 
 def _alarms(table: Table) -> list[StatementVerdict]:
+    """Verdicts on false alarms with the right lines, and on alarms with lines 45 px or more away, if there are rows."""
     rows = v.series(table, f"{BMCT}, {RATES['fr_p']}")
     out = []
     if rows and rows[0].x == 0.0:
@@ -161,16 +178,17 @@ def _alarms(table: Table) -> list[StatementVerdict]:
 
 
 def _known(values: Iterable[float]) -> list[float]:
+    """The values without NaN."""
     return [x for x in values if not math.isnan(x)]
 
 
 def _not_inferior(rate: str, name: str, idmot: PaperRow, wrong: Sequence[PaperRow]) -> StatementVerdict:
-    """Return the verdict on whether BMCT with wrong lines has no higher rate than IDMOT; the worst is shown.
+    """Verdict on whether BMCT with wrong lines has no higher rate than IDMOT; the worst difference is shown.
 
     Args:
         rate: `fr_p` or `fr_l`.
-        name: of the rate.
-        idmot: its row.
+        name: words for this rate.
+        idmot: row of IDMOT.
         wrong: rows of BMCT, one for each kind of wrong lines.
     """
     points = [v.StatementPoint(difference_of(idmot, r), v.at_most(LITTLE)) for r in wrong]
@@ -199,7 +217,7 @@ SWEEPS = (1, 2, 4)
 
 
 def sweeps(size: Size, execute: Execute) -> Table:
-    """Return the table of both rates [%] of BMCT against the number of sweeps."""
+    """Table of the rates of false positions and false labels [%] of BMCT against the number of sweeps over views."""
     methods = {f"bmct {n}": {"method": "bmct", "set": {"sweeps": n}} for n in SWEEPS}
     results = execute([views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)])
     return [
@@ -210,7 +228,7 @@ def sweeps(size: Size, execute: Execute) -> Table:
 
 
 def judge_sweeps(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on whether a second sweep helps, and that more than two gain nothing."""
+    """Verdicts on whether a second sweep helps, and whether more than two gain nothing."""
     out = []
     for rate, name in RATES.items():
         once, twice, often = (v.find(table, name, float(n)) for n in SWEEPS)

@@ -24,10 +24,17 @@ ENDS = {"end_other": "on the other", "end_none": "on none"}
 
 
 class MechanismCase(NamedTuple):
-    """Staged scene: its name, the view that is judged, the label of its series, and the number of further balls."""
+    """Staged scene of two balls that meet in one view.
+
+    Attributes:
+        scene: name of the scene.
+        view: index of the view in which the balls meet; it is judged.
+        label: words for the scene, in the names of series.
+        clutter: number of balls in the background.
+    """
 
     scene: str
-    view: int  # in which the balls meet, from 0
+    view: int
     label: str
     clutter: int = 6
 
@@ -48,7 +55,7 @@ DIRECTION, LINE, ROW = (CASES[0],), CASES[3:5], CASES[6:]
 
 
 def mechanisms(size: Size, execute: Execute) -> Table:
-    """Return the table of the share of trackers off their own target at the end [%], and on what they are."""
+    """Table of the trackers off their own target at the end [%], with the shares of those on the other and on none."""
     results = execute([_spec(size, run, case) for case in CASES for run in range(size.runs)])
     rows = []
     for m in SHOWN:
@@ -62,13 +69,14 @@ def mechanisms(size: Size, execute: Execute) -> Table:
 
 
 def _spec(size: Size, run: int, case: MechanismCase) -> Spec:
+    """Specification of a trial of the methods `SHOWN` on one video of a case; `size` and `run` give the seed."""
     methods = {m: {"method": m} for m in SHOWN}
     balls = {"frames": size.steps, "balls": 2, "background_clutter": case.clutter}
     return views_spec(seed_of(size, run), methods, balls, scene=case.scene, watched={"pair": [case.view, [0, 1]]})
 
 
 def judge_mechanisms(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether each mechanism makes IDMOT fail, that its control does not, and that BMCT rectifies it."""
+    """Verdicts on whether each mechanism makes IDMOT fail, whether its control does not, and whether BMCT helps."""
     out: list[StatementVerdict] = []
     for key, cases, control, what, why in (
         ("direction", DIRECTION, CASES[2], DIRECTION[0].label, "absence of distinct inertia directions"),
@@ -96,9 +104,13 @@ def judge_mechanisms(table: Table) -> list[StatementVerdict]:
 
 
 def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = "") -> PaperRow | None:
-    """Return a row of the means of a method over some cases, run by run; None if one is missing.
+    """Row of the means of a method over some cases, run by run; None if a case is missing.
 
-    `end`: take the share of trackers that end there; empty: that of all off their target.
+    Args:
+        table: table of `mechanisms`.
+        method: name of the method in it.
+        cases: scenes to take the mean of.
+        end: value of `ENDS`: the share of trackers that end there; empty: of all that end off their target.
     """
     rows = [v.find(table, f"{method}: {case.label}") for case in cases]
     found = [r for r in rows if r is not None]
@@ -109,7 +121,7 @@ def _mean(table: Table, method: str, cases: Sequence[MechanismCase], end: str = 
 
 
 def _ends(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether labels are exchanged, clutter attracts trackers, and the other view does not help."""
+    """Verdicts on whether labels are exchanged, clutter attracts trackers, and BMCT helps on one epipolar line."""
     out = []
     exchanged, lost = (_mean(table, "IDMOT", LINE, end) for end in ENDS.values())
     if exchanged is not None and lost is not None:

@@ -22,7 +22,7 @@ LOW = 8.0
 
 
 def motion(size: Size, execute: Execute) -> Table:
-    """Return the table of both rates [%] of every method at every motion; x is the position in `MOTIONS`, from 1."""
+    """Table of false position and false label rates [%] of every method at every motion; x: 1 + index in `MOTIONS`."""
     results = execute([_spec(size, run, name) for name in MOTIONS for run in range(size.runs)])
     rows = []
     for rate, name in RATES.items():
@@ -34,12 +34,16 @@ def motion(size: Size, execute: Execute) -> Table:
 
 
 def _spec(size: Size, run: int, motion: str) -> Spec:
+    """Specification of a trial of all methods, and the remedy, on a video with the motion `motion`.
+
+    `size` and `run` give the seed.
+    """
     methods = {m: {"method": m} for m in METHODS} | {REMEDY: {"method": "bmct", "set": SETTINGS}}
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, "ball_motion": motion})
 
 
 def judge_motion(table: Table) -> list[StatementVerdict]:
-    """Verdicts on BMCT against IDMOT at every motion, whether it tracks manoeuvring targets, and the remedy."""
+    """Verdicts on BMCT against IDMOT at every motion, on whether it tracks manoeuvring targets, and on the remedy."""
     out = []
     for rate, name in RATES.items():
         statement = (
@@ -54,12 +58,12 @@ def judge_motion(table: Table) -> list[StatementVerdict]:
 
 
 def _of_motion(rate: str, name: str, motion: str, plain: PaperRow, better: PaperRow) -> list[StatementVerdict]:
-    """Return the verdicts on BMCT and its remedy at one motion.
+    """Verdicts on BMCT and its remedy at one motion.
 
     Args:
         rate: `fr_p` or `fr_l`.
-        name: of the rate.
-        motion: its name.
+        name: words for this rate.
+        motion: one of `MOTIONS`.
         plain: row of BMCT.
         better: row of BMCT with the remedy.
     """

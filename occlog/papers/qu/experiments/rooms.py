@@ -26,7 +26,15 @@ GREY = {**COLOURS, "model": "pca", "pca_power": 0.3}
 
 
 class PaperVideo(NamedTuple):
-    """Figures of a video in [Qu], and the methods that are run on one of this project."""
+    """Figures of a video in [Qu], and the methods that are run on one of this project.
+
+    Attributes:
+        item, title: key and title of the experiment.
+        people, views, frames: numbers of people, cameras and frames.
+        fps: frames a second.
+        methods: by label, each with `method` and `set` (settings).
+        grey: whether the video has no colours.
+    """
 
     item: str
     title: str
@@ -76,7 +84,13 @@ HALVES = ("first half", "second half")
 
 
 def compute(recording: PaperVideo, size: Size, execute: Execute) -> Table:
-    """Table of both rates of every method [%], and for its trackers the share off their targets in each half."""
+    """Table of false position and false label rates of every method [%], with those off their targets in each half.
+
+    Args:
+        recording: video of the paper.
+        size: numbers of runs and of frames, and the seed.
+        execute: runs trials.
+    """
     people = {"people": recording.people, "views": recording.views, "frames": size.steps}
     specs = [
         rooms_spec(seed_of(size, run), recording.methods, people, fps=recording.fps, grey=recording.grey)
@@ -95,7 +109,7 @@ def compute(recording: PaperVideo, size: Size, execute: Execute) -> Table:
 
 
 def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on whether BMCT is robust, and on what else the paper states about the video."""
+    """Verdicts on whether BMCT is robust, and on what else the paper states about the video `recording`."""
     out = []
     for rate, name in RATES.items():
         own = {label: v.find(table, f"{label}, {name}") for label in recording.methods}
@@ -124,6 +138,7 @@ def judge(recording: PaperVideo, table: Table) -> list[StatementVerdict]:
 
 
 def _experiment(recording: PaperVideo, runs: int) -> Experiment:
+    """Experiment on a video of the paper with a number of runs."""
     return Experiment(
         item=recording.item,
         title=recording.title,

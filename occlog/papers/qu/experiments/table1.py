@@ -30,7 +30,7 @@ def table1(size: Size, execute: Execute) -> Table:
 
 
 def judge1(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Table 1: costs of collaboration and interaction relative to the likelihood."""
+    """Verdicts on the costs of collaboration and of interaction relative to the local likelihood ([Qu] Table 1)."""
     local, interaction, collaboration = (v.find(table, name) for name in (LOCAL, INTERACTION, COLLABORATION))
     if local is None or interaction is None or collaboration is None:
         return []

@@ -41,12 +41,12 @@ FPS = {"MCMC": {4: 8.75, 5: 2.55, 6: 0.4}, "BMCT": {4: 14.4, 5: 11.5, 6: 9.75}}
 
 
 def _printed_exponent(values: Mapping[int, float]) -> float:
-    """Return the exponent of printed values, which have no error bar."""
+    """Exponent of the number of targets with which printed values grow; they have no error bar."""
     return power_of([PaperRow("", n, (value, value)) for n, value in values.items()]).value
 
 
 def judge2(table: Table) -> list[StatementVerdict]:
-    """Return the verdicts on the statements about Table 2."""
+    """Verdicts on [Qu] Table 2: growth of particles and time of BMCT and joint filters with the targets."""
     out = []
     for what, name, printed in (("particles", TOTAL, PRINTED), ("time", TIME, FPS)):
         sign = 1.0 if printed is PRINTED else -1.0
@@ -74,6 +74,14 @@ def judge2(table: Table) -> list[StatementVerdict]:
 
 
 def _linear(key: str, statement: str, paper: float, rows: Sequence[PaperRow]) -> StatementVerdict:
+    """Verdict on whether the exponent of rows by number of targets is at most `LINEAR`; in part up to `NEARLY`.
+
+    Args:
+        key: id of the verdict.
+        statement: text of the statement.
+        paper: exponent of the printed values.
+        rows: particles or time of BMCT, by number of targets.
+    """
     rule = f"exponent at most {LINEAR}; in part up to {NEARLY}"
     return v.judge(key, statement, power_of(rows), v.at_most(LINEAR), v.at_most(NEARLY), rule=rule, paper=paper)
 
@@ -81,16 +89,14 @@ def _linear(key: str, statement: str, paper: float, rows: Sequence[PaperRow]) ->
 def _faster(
     key: str, statement: str, paper: float, rows: Sequence[PaperRow], bmct: Sequence[PaperRow]
 ) -> StatementVerdict:
-    """Return the verdict on growth with the targets: the exponent of `rows` is above `LINEAR`.
-
-    In part, if it is only above that of the rows `bmct`.
+    """Verdict on faster than linear growth: the exponent of `rows` is above `LINEAR`; in part if above that of `bmct`.
 
     Args:
         key: id of the verdict.
         statement: text of the statement.
-        paper: exponent of the printed values.
+        paper: exponent of the printed values; NaN: not printed.
         rows: particles or time of the joint filter, by number of targets.
-        bmct: of BMCT, likewise.
+        bmct: particles or time of BMCT, by number of targets.
     """
     own = power_of(bmct).value
     rule = f"exponent above {LINEAR}; in part above that of BMCT, {own:.2f}"
@@ -99,10 +105,10 @@ def _faster(
 
 
 def _exponential(rows: Sequence[PaperRow]) -> StatementVerdict:
-    """Return the verdict on joint SIR: its particles grow by a constant factor for every target.
+    """Verdict on whether the particles of joint SIR grow by a constant factor for every target.
 
-    Holds if log(particles) is fitted better by a line over the number of targets than over its logarithm: ratio of
-    the squared residuals of each run below 1.
+    So it is if the logarithm of the particles is fitted better by a line over the number of targets than over its
+    logarithm: the ratio of the squared residuals in each run is below 1.
 
     Args:
         rows: one for each number of targets (`x`); `values` are the total particles of each run.
@@ -129,24 +135,32 @@ ROBUST = 0.10
 
 
 class FilterVariant(NamedTuple):
-    """A filter, and the numbers of particles that it is tried with."""
+    """A filter, and the numbers of particles that it is tried with.
+
+    Attributes:
+        name: name in the table.
+        method: value of the setting `method`.
+        settings: its further settings.
+        joint: one state of all targets in a view; false: every target has its own particles.
+        tried: values of the setting `particles`, about those needed, from the number of targets.
+    """
 
     name: str
     method: str
     settings: Mapping[str, object]
-    joint: bool  # one state of all targets in a view; false: every target has its own particles
-    tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
+    joint: bool
+    tried: Callable[[int], Sequence[int]]
 
     def total(self, targets: int, particles: float) -> float:
-        """Return the number of particles of all trackers in all views, for a number of `targets`.
+        """Number of particles of all trackers in all views, for a number of `targets`.
 
-        `particles`: of each tracker, or of the joint state.
+        `particles`: those of each tracker, or of the joint state.
         """
         return VIEWS * particles * (1 if self.joint else targets)
 
 
 class Tried(NamedTuple):
-    """Cost and benefit of one number of particles."""
+    """Rows of trials with one number of particles: effective samples of a target, and CPU time of a frame [ms]."""
 
     ess: PaperRow  # effective samples of a target
     ms: PaperRow  # CPU time of a frame
@@ -169,7 +183,7 @@ FILTERS = {
 
 
 def table2(size: Size, execute: Execute) -> Table:
-    """Table of what each filter needs at each number of targets; the trials behind it are in the table only."""
+    """Table of what each filter needs at each number of targets; the trials behind it are in the table alone."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6, 8)
     specs = [_spec(size, run, n) for n in counts for run in range(size.runs)]
     results, table, raw = execute(specs), [], []
@@ -186,18 +200,18 @@ def table2(size: Size, execute: Execute) -> Table:
 
 
 def _printed(counts: Sequence[int]) -> list[PaperRow]:
-    """Return rows of the paper's particle numbers of the joint filter, relative to 4 targets.
+    """Rows of the paper's numbers of particles of the joint filter, relative to that of 4 targets.
 
-    `counts`: numbers of targets; others are left out.
+    `counts`: numbers of targets of the experiment; others are left out.
     """
     unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
     return [PaperRow(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
 
 
 def _spec(size: Size, run: int, targets: int) -> Spec:
-    """Return the specification of a trial of all filters, with all numbers of particles, on one video.
+    """Specification of a trial of all filters, with all numbers of particles, on one video.
 
-    `run`: number of the run; `targets`: number of balls.
+    `size` and `run` give the seed; `targets`: number of balls.
     """
     methods = {
         f"{f.name}-{k}": {"method": f.method, "set": {**f.settings, "particles": k}}
@@ -208,13 +222,13 @@ def _spec(size: Size, run: int, targets: int) -> Spec:
 
 
 def _trial(f: FilterVariant, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
-    """Return rows of effective samples and time of every run; x is the total number of particles.
+    """Rows of effective samples and time of every run; x is the total number of particles.
 
     Args:
         f: the filter.
         targets: number of targets.
-        particles: of a tracker, or of the joint state.
-        results: figures of each run.
+        particles: number of particles of a tracker, or of the joint state.
+        results: figures of each run by name.
     """
     found = {q: tuple(r[f"{f.name}-{particles}.{q}"] for r in results) for q in ("ess", "fr_p", "fr_l", "frame_ms")}
     rates = {q: math.fsum(found[q]) / len(results) for q in ("fr_p", "fr_l")}
@@ -226,13 +240,13 @@ def _trial(f: FilterVariant, targets: int, particles: int, results: Sequence[Map
 
 
 def needed(trials: Sequence[Tried]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the total particles of which `ENOUGH` are effective, in every run, and the time that they take.
+    """In every run the total particles of which `ENOUGH` are effective for a target, and the CPU time of a frame [ms].
 
-    Between the numbers tried, and beyond, both are taken as powers of the number.  The result is at least
-    the number from which on targets are tracked (`ROBUST`), and empty where there is no such number.
+    Between the numbers tried, and beyond, effective samples and time are taken as powers of the number. The result is
+    at least the number from which on targets are tracked (`ROBUST`); both are empty where there is no such number.
 
     Args:
-        trials: by rising number of particles.
+        trials: results by rising number of particles.
     """
     robust = _robust(trials)
     if math.isinf(robust):
@@ -248,7 +262,7 @@ def needed(trials: Sequence[Tried]) -> tuple[tuple[float, ...], tuple[float, ...
 
 
 def _robust(trials: Sequence[Tried]) -> float:
-    """Return the least number tried from which on the rate of false positions is low; 0: all, inf: none."""
+    """Least total number tried from which on the rate of false positions is at most `ROBUST`; 0: all, inf: none."""
     low = [t.ess.extra["fr_p"] <= ROBUST for t in trials]
     if all(low):
         return 0.0
@@ -257,20 +271,20 @@ def _robust(trials: Sequence[Tried]) -> float:
 
 
 def _line(x: Floats, y: Floats, at: float) -> float:
-    """Interpolate y at a position, or extrapolate from the two nearest points; x (n,) rises."""
+    """Interpolate y (n,) over rising x (n,) at the position `at`, or extrapolate from the two nearest points."""
     k = int(np.clip(np.searchsorted(x, at), 1, len(x) - 1))
     step = max(x[k] - x[k - 1], 1e-9)
     return float(y[k - 1] + (y[k] - y[k - 1]) * (at - x[k - 1]) / step)
 
 
 def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
-    """Return the rates at the number tried that is nearest to the mean of those needed, and the printed number.
+    """Further columns of a row: the printed number, and both rates at the number tried nearest to the mean need.
 
     Args:
         f: the filter.
         targets: number of targets.
-        trials: of each number tried.
-        need: number of particles needed in each run; empty: none is enough, and nothing is returned.
+        trials: results of each number tried.
+        need: number of particles needed in each run; empty: none suffices, and the result is empty.
     """
     if not need:
         return {}
@@ -281,9 +295,9 @@ def _extra(f: FilterVariant, targets: int, trials: Sequence[Tried], need: Sequen
 
 
 def _fps(f: FilterVariant, targets: int, spent: Sequence[float]) -> dict[str, float]:
-    """Return frames (of all views) a second, and the printed ones for a number of `targets`; empty without times.
+    """Further columns of a row: frames (of all views) a second, and the printed ones at a number of `targets`.
 
-    `spent`: CPU time of a frame in each run [ms].
+    `spent`: CPU time of a frame in each run [ms]; empty: the result is empty.
     """
     if not spent:
         return {}
@@ -291,7 +305,7 @@ def _fps(f: FilterVariant, targets: int, spent: Sequence[float]) -> dict[str, fl
 
 
 def _relative(name: str, rows: Sequence[PaperRow]) -> list[PaperRow]:
-    """Return the rows divided by their mean at 4 targets."""
+    """Rows under a new name, divided by their mean at 4 targets; empty without that."""
     unit = find(list(rows), rows[0].series, 4)
     if unit is None or not unit.runs:
         return []

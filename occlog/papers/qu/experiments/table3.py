@@ -47,7 +47,7 @@ GOAL = {"fr_p": (5.0, 1.0), "fr_l": (8.0, 2.0)}
 
 
 def table3(size: Size, execute: Execute) -> Table:
-    """Return the table of both rates of every method in every video [%]; x is the position in `METHODS`, from 1.
+    """Table of false position and false label rates of every method in every video [%]; x: 1 + index in `METHODS`.
 
     The value of a video is the mean over the seeds of the trackers, so that the standard error is over both seeds.
     """
@@ -67,9 +67,9 @@ def table3(size: Size, execute: Execute) -> Table:
 
 
 def _spec(size: Size, run: int) -> Spec:
-    """Return the specification of a video with each method several times, the trackers with other seeds.
+    """Specification of a video with each method several times, the trackers with other seeds.
 
-    `run`: number of the run, which gives the video.
+    `size` and `run` give the seed of the video.
     """
     seed = seed_of(size, run)
     methods = {
@@ -79,12 +79,12 @@ def _spec(size: Size, run: int) -> Spec:
 
 
 def labels_of(method: str) -> tuple[str, ...]:
-    """Return the labels of a method's trackers in a trial, one for each seed."""
+    """Labels of a method's trackers in a trial, one for each seed."""
     return tuple(f"{method} {k + 1}" for k in range(TRACKER_SEEDS))
 
 
 def deviations(rates: Floats) -> dict[str, float]:
-    """Return the standard deviations of rates (videos, seeds of the trackers) that are due to either.
+    """Standard deviations of rates (videos, seeds of the trackers) that are due to the trackers and to the videos.
 
     Returns:
         `sd_trackers` within a video, and `sd_videos` between videos, without what the trackers add to their means.
@@ -95,15 +95,17 @@ def deviations(rates: Floats) -> dict[str, float]:
 
 
 def _mean(values: Sequence[float]) -> float:
+    """Mean of the values."""
     return math.fsum(values) / len(values)
 
 
 def _with(row: PaperRow, **more: float) -> PaperRow:
+    """Copy of a row with further columns."""
     return replace(row, extra={**row.extra, **more})
 
 
 def judge3(table: Table) -> list[StatementVerdict]:
-    """Verdicts on the statements about Table 3: order of the methods, how much lower BMCT's rates are, and speed."""
+    """Verdicts on [Qu] Table 3: order of the methods, how much lower BMCT's rates are, and speed."""
     out = []
     for rate, name in RATES.items():
         own = {m: v.find(table, name, x) for x, m in enumerate(METHODS, start=1)}
@@ -120,12 +122,12 @@ def judge3(table: Table) -> list[StatementVerdict]:
 
 
 def _much_lower(rate: str, name: str, rows: Mapping[str, PaperRow]) -> StatementVerdict:
-    """Return the verdict on the rate of BMCT over that of the best other method.
+    """Verdict on whether the rate of BMCT is at most half that of the best other method.
 
     Args:
         rate: `fr_p` or `fr_l`.
-        name: of the rate.
-        rows: by method.
+        name: words for this rate.
+        rows: rows of the rate by method.
     """
     best = min((m for m in METHODS if m != "bmct"), key=lambda m: rows[m].mean)
     printed = PRINTED[rate]["bmct"] / PRINTED[rate]["idmot"]
@@ -140,14 +142,14 @@ def _much_lower(rate: str, name: str, rows: Mapping[str, PaperRow]) -> Statement
 
 
 def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
-    """Return the verdicts on mean and median of BMCT against the goals of this project.
+    """Verdicts on mean and median of BMCT's rate against the goals of this project.
 
     The median is at most a goal if at least half of the videos are.
 
     Args:
         rate: `fr_p` or `fr_l`.
-        name: of the rate.
-        row: of BMCT.
+        name: words for this rate.
+        row: row of BMCT.
     """
     mean, median = GOAL[rate]
     statement = f"Goal of this project: mean rate of {name} of BMCT at most [%]."
@@ -165,10 +167,7 @@ def _goals(rate: str, name: str, row: PaperRow) -> list[StatementVerdict]:
 
 
 def _speed(rows: Mapping[str, PaperRow]) -> list[StatementVerdict]:
-    """Return the verdicts on the speed of BMCT against that of the others, by the CPU times of the same videos.
-
-    `rows`: by method.
-    """
+    """Verdicts on the speed of BMCT against that of the others, by CPU times on the same videos; `rows`: by method."""
     times = {m: PaperRow(m, 0.0, rows[m].each["frame_ms"]) for m in METHODS}
     out = []
     for other in ("mipf", "idmot"):

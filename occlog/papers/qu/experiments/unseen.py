@@ -25,7 +25,7 @@ SEEN, NOT_SEEN = "seen by camera 1", "not seen by camera 1"
 
 
 def unseen(size: Size, execute: Execute) -> Table:
-    """Return the table of the share of the two trackers in camera 2 that are off their targets at the end [%]."""
+    """Table of the two trackers in camera 2 that are off their targets at the end [%], without and with counterpart."""
     results = execute([_spec(size, run, hidden) for hidden in (True, False) for run in range(size.runs)])
     rows = []
     for x, label in enumerate(RUNNERS, start=1):
@@ -39,6 +39,7 @@ def unseen(size: Size, execute: Execute) -> Table:
 
 
 def _spec(size: Size, run: int, hidden: bool) -> Spec:
+    """Specification of a trial on one video; `hidden`: whether camera 1 does not see one ball. `run` gives the seed."""
     more = {"unseen": UNSEEN} if hidden else {}
     balls = {"frames": size.steps, "views": 3, "balls": 2}
     watched = {"unseen": [1, UNSEEN], "pair": [1, [0, 1]]}
@@ -46,7 +47,7 @@ def _spec(size: Size, run: int, hidden: bool) -> Spec:
 
 
 def judge_unseen(table: Table) -> list[StatementVerdict]:
-    """Verdicts on whether IDMOT fails more without a counterpart than with one, and less with a third camera."""
+    """Verdicts on whether BMCT fails more without a counterpart than with one, and less with a third camera."""
     alone, paired = (v.find(table, f"BMCT, {name}") for name in (NOT_SEEN, SEEN))
     third = v.find(table, f"BMCT, three cameras, {NOT_SEEN}")
     if alone is None or paired is None or third is None:
