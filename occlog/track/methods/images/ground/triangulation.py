@@ -196,8 +196,7 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
 
     Returns:
         Positions (N, 3), information (N, 3, 3) and cost (N,), the sum of squared standardised residuals; inf for a
-        point
-        that starts behind a camera.
+        point that starts behind a camera.
     """
     xyz = start.copy()
     cost = _cost(xyz, _reprojection_errors(xyz, problem)[0], problem)

@@ -117,8 +117,7 @@ def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats
 
     Returns:
         (n, WIDTH) histograms, each summing to the share of the ellipse's weight on pixels of the image with a bin: 1
-        for an
-        ellipse inside the image; 0 for one outside it, without a pixel centre or not an ellipse.
+        for an ellipse inside the image; 0 for one outside it, without a pixel centre or not an ellipse.
     """
     out = np.zeros((ellipses.shape[0], WIDTH))
     sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])

@@ -107,8 +107,7 @@ def loop_check(
 
     Returns:
         (n, V): `TOGETHER` when both points are at most the support radius of their ellipse from their line, `APART`
-        when
-        one is farther, `UNKNOWN` without counterpart, matrix or line.
+        when one is farther, `UNKNOWN` without counterpart, matrix or line.
     """
     n, views = counterpart.shape
     out = np.full((n, views), UNKNOWN, dtype=np.int64)
