@@ -514,7 +514,10 @@ class BearingBuffer:
 
     @property
     def stated(self) -> tuple[StatedResiduals, ...]:
-        """Return the residuals of the last comparison, including bearings that the method did not use."""
+        """Return the residuals of all bearings in the last comparison, including those that the method did not use.
+
+        They are by sensor, normalised by the noise stated for it.
+        """
         return tuple(self._all.stated)
 
 
@@ -596,9 +599,7 @@ class ResidualStatistics:
     def nis(self) -> Ratio:
         """Return the normalised innovation squared of all bearings with its standard error.
 
-        Sensors count as independent.
-
-        NaN and inf without bearings.
+        Sensors are taken as independent. NaN and inf without bearings.
         """
         informative = [a for a in self.sensors.values() if a.means.expected > 0.0]
         expected = math.fsum(a.means.expected for a in informative)

@@ -364,13 +364,6 @@ def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> F
         b: (2,) end, outside the polygon.
         away: distance that is kept, > 0 and small relative to the edges.
         ccw: True for the way around it counter-clockwise, False for clockwise.
-
-    Args:
-        corners: (K, 2) simple polygon, counter-clockwise.
-        a: (2,) outside it.
-        b: (2,) outside it.
-        away: distance that is kept, > 0 and small against its edges.
-        ccw: around it counter-clockwise, else clockwise.
     """
     K = len(corners)
     (i, from_a), (j, to_b) = nearest_edge(corners, a, away), nearest_edge(corners, b, away)

@@ -53,7 +53,7 @@ def advance(
     track is lost; else it is updated.
 
     Args:
-        dt: time since the last scan [s], see `elapsed`.
+        dt: time since the last scan [s]; 0 for the first one.
         max_gap_s: after a longer time the prediction is discarded [s].
         known: whether there is a prior to update: a given start, or an earlier scan.
         initiate: makes a posterior from the scan alone, given the reason.

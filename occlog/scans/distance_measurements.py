@@ -173,9 +173,10 @@ LastReads = MutableMapping[tuple[str, int], int]
 
 
 def sigmas(shadowing: SignalErrors, since_s: Floats) -> Floats:
-    """Return (n,) standard deviations [dB] of reads for a filter that assumes white errors.
+    """Return (n,) standard deviations [dB] of strengths for a filter that assumes white errors.
 
-    The shadowing of a read weighs more the sooner it follows the last one (see the module).
+    The shadowing is correlated in time: the sooner a read follows the last one, the less new information it has, and
+    the larger is its standard deviation.
 
     Args:
         shadowing: noise and shadowing of the strengths.

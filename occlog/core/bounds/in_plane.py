@@ -208,19 +208,19 @@ def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
 def smoothing_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
     """Return the Cramér-Rao bound of the error covariance of any smoother (which uses all T steps), at each step.
 
-    These are the diagonal blocks of the inverse of the information matrix of the whole trajectory
-    (Tichavsky et al. 1998, Sec. II), by a forward and a backward recursion.  What the steps after k tell
-    about the state at k is B_k = F^T (Y^-1 + Q)^-1 F, with Y = I' + B' of the step after it; B_T = 0.
-    With the bound P of filtering the bound of smoothing is (P^-1 + B)^-1.  Neither Q nor P has to be regular.
+    These are the diagonal blocks of the inverse of the information matrix of the whole trajectory (Tichavsky et al.
+    1998, Sec. II), by a forward and a backward recursion. The information of the steps after k about the state at k is
+    B_k = F^T (Y^-1 + Q)^-1 F, with Y = I' + B' of the step after it; B_T = 0. With the bound P of filtering the bound
+    of smoothing is (P^-1 + B)^-1. Neither Q nor P has to be regular.
 
     Args:
         information: (T, n, n) Fisher information of all measurements of a step.
-        F: (T, n, n) transition into each step, as in `posterior_bound`.
+        F: (T, n, n) transition into each step; `F[0]` leads from the prior to the first step.
         Q: (T, n, n) covariance of the motion noise of that transition.
         P0: (n, n) covariance of the prior.
 
     Returns:
-        (T, n, n); never above those of `posterior_bound`, and equal to it at the last step.
+        (T, n, n); never above the bounds of filtering (`posterior_bound`), and equal to them at the last step.
     """
     return smoothing_bound_before(posterior_bound(information, F, Q, P0), information, F, Q, np.zeros_like(P0))[0]
 
@@ -243,16 +243,6 @@ def smoothing_bound_before(
     Returns:
         (T, n, n) smoothing bounds, and (n, n) information of the part and all later steps about the state before its
         first step.
-
-    Args:
-        bounds: (T, n, n) of filtering (`posterior_bound`).
-        information: (T, n, n) Fisher information of all measurements of a step.
-        F: (T, n, n) transition into each step.
-        Q: (T, n, n) covariance of the motion noise of that transition.
-        later: (n, n) information of the later steps about the state at the last of them; 0 of the last part.
-
-    Returns:
-        (T, n, n) bounds, and (n, n) information of these and later steps about the state before the first.
     """
     parts = (np.ascontiguousarray(a, dtype=np.float64) for a in (bounds, information, F, Q, later))
     smoothed, before = _backwards(*parts)

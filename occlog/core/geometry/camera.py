@@ -135,21 +135,6 @@ def azimuth_to_u(azimuth: Floats, yaw: float, focal_px: float) -> Floats:
         azimuth: azimuths in the world [rad], within 90 degrees of the yaw.
         yaw: azimuth of the optical axis [rad].
         focal_px: focal length of the level image [px].
-
-    A levelled image is that of a camera without pitch and roll. The measurement z of [Ercan] Eq. 1 is the negative
-    offset.
-
-    Args:
-        azimuth: azimuths in the world [rad], within 90 degrees of the yaw.
-        yaw: azimuth of the optical axis [rad].
-        focal_px: focal length of the levelled image [px].
-
-    The z of [Ercan] Eq. 1 is its negative.
-
-    Args:
-        azimuth: azimuths in the world [rad], within 90 degrees of the yaw.
-        yaw: azimuth of the optical axis [rad].
-        focal_px: focal length of the levelled image.
     """
     return -focal_px * np.tan(wrap_angle(azimuth - yaw))
 

@@ -246,17 +246,14 @@ def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Return the points at which the polynomial of a lens has the values `xy`, by a fixed-point iteration.
+    """Return the points (N, 2) at which the polynomial of a lens has the values `xy`, by a fixed-point iteration.
 
     It converges for distortions of real lenses inside the image.
 
     Args:
         xy: (N, 2) values of the polynomial, in normalised coordinates.
-        coefficients: of the model.
+        coefficients: (k1, k2, p1, p2, k3) for `brown`, (k1, 0, 0, 0, 0) for `tsai`.
         model: `brown`, or `tsai` (its polynomial is from distorted to ideal coordinates).
-
-    Returns:
-        (N, 2) arguments of the polynomial.
     """
     guess = xy.copy()
     # Beyond where a lens folds it does not converge

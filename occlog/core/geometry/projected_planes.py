@@ -58,20 +58,14 @@ def projected_angles(vector: Floats) -> Floats:
 def projected_angle_gradients(vector: Floats) -> Floats:
     """Return the gradients of the three projected angles by the components of the vector, [Lee] Eq. 2.35 to 2.38.
 
-    Args:
-        vector: (..., 3) in the world, of any length.
-
-    Returns:
-        (..., 3, 3): second-last axis the plane xy, yz, zx; last axis x, y, z. Zero for a plane to which the vector is
-        normal.
-
     grad atan2(b, a) = (a e_b - b e_a) / (a^2 + b^2).
 
     Args:
         vector: (..., 3) in the world, of any length.
 
     Returns:
-        (..., 3, 3), [plane, axis]; zero for a plane to which the vector is normal.
+        (..., 3, 3): second-last axis the plane xy, yz, zx; last axis x, y, z. Zero for a plane to which the vector is
+        normal.
     """
     a, b = vector[..., FIRST], vector[..., SECOND]
     square = a**2 + b**2

@@ -70,22 +70,6 @@ def triangulate(
 
     Raises:
         ValueError: unknown loss.
-
-    Minimises sum rho(wrap(azimuth - atan2(y - oy, x - ox)) / sigma) by Gauss-Newton with
-    iterative reweighting, from the best crossing of two lines.  With `gauss` this is the maximum
-    likelihood estimate and the covariance the inverse of its Fisher information; the
-    robust losses give lines that miss the others less weight, also in the covariance.
-
-    Args:
-        origins: (R, 2) sensor positions.
-        azimuths: (R,) of the lines [rad].
-        sigmas: (R,) standard deviations [rad], > 0.
-        starts: (S + 1,) first row of each scan, then R.
-        loss: `gauss`, `huber` or `cauchy`.
-        min_crossing: scans with lines that cross at smaller angles than this are refused [rad].
-
-    Raises:
-        ValueError: unknown loss.
     """
     if loss not in LOSSES:
         raise ValueError(f"loss {loss!r} must be one of {', '.join(LOSSES)}")
@@ -185,9 +169,8 @@ def _normal_equations(
 ) -> tuple[float, float, float, float, float]:
     """Return the normal equations of the position at (x, y): the matrix as xx, xy, yy, and the right side as x, y.
 
-    The matrix is A = sum w g g^T / sigma^2, the right side b = sum w g r / sigma.
-
-    g is the gradient of a line's azimuth, r its residual in standard deviations, w the weight of r by the loss.
+    The matrix is A = sum w g g^T / sigma^2, the right side b = sum w g r / sigma, with g the gradient of a line's
+    azimuth, r its residual in standard deviations, and w the weight of r by the loss.
 
     Args:
         x: position.
@@ -195,7 +178,7 @@ def _normal_equations(
         o: (R, 2) positions of the sensors.
         beta: (R,) azimuths of the lines [rad].
         sigma: (R,) their standard deviations [rad].
-        loss: number in `LOSSES`.
+        loss: 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
     """
     axx = axy = ayy = bx = by = 0.0
     for i in range(beta.shape[0]):
@@ -253,9 +236,7 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
 def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
     """Return the sine of the widest crossing angle of two lines that point at (x, y) with at least half weight.
 
-    It is 0 if there are no two such lines.
-
-    With the Gaussian loss (0) every line has to point there, so one that points away makes it 0.
+    It is 0 if there are no two such lines; with the Gaussian loss, also if one of all lines points away.
 
     Args:
         x: position.
@@ -263,7 +244,7 @@ def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, l
         o: (R, 2) positions of the sensors.
         beta: (R,) azimuths of the lines [rad].
         sigma: (R,) their standard deviations [rad].
-        loss: number in `LOSSES`.
+        loss: 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
     """
     widest = 0.0
     for i in range(beta.shape[0]):

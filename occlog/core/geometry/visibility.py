@@ -164,17 +164,6 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         wall: (K, 2) polygon.
         cone: (8,) right ray, left ray, squared distance, normal and offset of a line, as `_cone` returns them for this
             wall and sensor.
-
-    Most positions are clearly nearer than the wall, clearly to its side or clearly behind it;
-    the exact test is only for the others.
-
-    Args:
-        seen: (L,) mask; positions that are False already are skipped.
-        xy: (L, 2) positions.
-        x0: position of the sensor.
-        y0: position of the sensor.
-        wall: (K, 2) polygon.
-        cone: (8,) row of `Sensors.cone` of this wall and sensor.
     """
     rx, ry, lx, ly, near2 = cone[0], cone[1], cone[2], cone[3], cone[4] * (1.0 - SLACK)
     nx, ny, offset = cone[5], cone[6], cone[7]
@@ -428,14 +417,6 @@ def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
         n: number of positions.
         lines: directions of one scan.
         rng: source of random numbers.
-
-    Args:
-        n: number of positions.
-        lines: directions of one scan.
-        rng: generator that is used.
-
-    Returns:
-        (n, 2) positions.
     """
     which = rng.integers(len(lines.azimuth), size=n)
     r = lines.far[which] * rng.random(n)

@@ -74,13 +74,6 @@ def normalised_squared_errors(errors: Floats, covariances: Floats) -> Floats:
 
     Returns:
         (N,), NaN where P is singular to rounding.
-
-    Args:
-        errors: (N, 2).
-        covariances: (N, 2, 2), positive semi-definite.
-
-    Returns:
-        (N,), NaN where P is singular to rounding.
     """
     pxx, pxy, pyy = covariances[:, 0, 0], covariances[:, 0, 1], covariances[:, 1, 1]
     det = pxx * pyy - pxy**2

@@ -28,14 +28,6 @@ def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
         xy: (N, 2) positions.
         centre: (K, 2) centres, or (N, K, 2) if each position has its own discs.
         radius: (K,) radii.
-
-    For a position inside a disc it is a point just behind the position, as seen from outside, so that the
-    direction from the point to the position leads out.
-
-    Args:
-        xy: (N, 2) positions.
-        centre: (K, 2), or (N, K, 2) where each position has discs of its own.
-        radius: (K,).
     """
     at = np.broadcast_to(centre, (len(xy), *centre.shape[-2:]))
     border = np.minimum(radius, distance(xy[:, None], at) * (1.0 - MIN_SHARE))

@@ -49,12 +49,6 @@ def distance_inside(way: float, radii: float) -> Range:
     Args:
         way: s_r T_s, length of a step.
         radii: r_r + r_o, of robot and obstacle.
-
-    [Lee] Eq. 5.27; the low end is open.
-
-    Args:
-        way: s_r T_s, length of a step.
-        radii: r_r + r_o, of robot and obstacle.
     """
     return Range(0.0, way + radii)
 
@@ -178,12 +172,15 @@ def steer(
 ) -> Steering:
     """Return the forces on robots, and the total force that determines the direction of the next step.
 
+    By [Lee] Sec. 5.2.2: the force away from an obstacle replaces the sum in front of an aligned obstacle, and the total
+    force is turned if it oscillates, both as `steps` allows.
+
     Args:
         xy: (N, 2) positions of the robots.
         goal: (N, 2) their goals.
-        around: obstacles.
+        around: K obstacles.
         field: constants of the potentials.
-        steps: length of steps, radius, rules.
+        steps: length of steps, radius of the robots, rules.
         previous: (N, 2) total forces one step before; NaN at the first step.
     """
     # Forces of goal and obstacles ([Lee] Eqs. 5.11 to 5.15)

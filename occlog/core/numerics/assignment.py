@@ -42,16 +42,6 @@ def maximum_weight_matching(rows: Ints, columns: Ints, weights: Floats) -> Ints:
 
     Returns:
         (k,) indices of the selected candidates, sorted by row.
-
-    Time and memory grow with the number of candidate pairs rather than with rows times columns.
-
-    Args:
-        rows: (n,) row of each pair that may be, >= 0.
-        columns: (n,) its column, >= 0; no pair comes twice.
-        weights: (n,) finite; pairs of 0 or less are not made.
-
-    Returns:
-        (k,) which of the pairs are made, by row.
     """
     able = np.flatnonzero(np.asarray(weights) > 0)
     if not len(able):

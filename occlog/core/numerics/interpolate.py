@@ -30,18 +30,6 @@ def interpolate_positions(t_ns: Ints, known_t_ns: Ints, known: Floats, limit_ns:
 
     Returns:
         (N, k) positions, NaN where not valid, and (N,) whether they are valid.
-
-    A time that is a sample is always valid. Between two samples the position is valid if they are at most `limit_ns`
-    apart. There is no extrapolation.
-
-    Args:
-        t_ns: (N,) times asked for.
-        known_t_ns: (M,) times of the samples, not falling; of equal times the last counts.
-        known: (M, k) samples.
-        limit_ns: widest gap between two samples that is bridged, >= 0 [ns].
-
-    Returns:
-        (N, k) positions, NaN where not good, and (N,) whether they are good.
     """
     out = np.full((len(t_ns), known.shape[1]), np.nan)
     if not len(known_t_ns) or not len(t_ns):
@@ -59,8 +47,6 @@ def hold_positions(t_ns: Ints, known_t_ns: Ints, known: Floats) -> Floats:
 
     For quantities that need only a rough position.
 
-    For quantities that only need a rough position.
-
     Args:
         t_ns: (N,) times [ns].
         known_t_ns: (M,) increasing times of the samples [ns], M at least 1.
@@ -77,8 +63,6 @@ def _bracket(t_ns: Ints, known_t_ns: Ints) -> tuple[Ints, Ints, Floats, Ints]:
 
     Each is (N,); samples are given by their indices. The fraction is below 0 before the first sample; after the last
     one, both indices are the last and the fraction is the time since then in ns.
-
-    The fraction is below 0 before the first sample, and counts ns after the last one.
 
     Args:
         t_ns: (N,) times [ns].

@@ -198,19 +198,6 @@ def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tupl
         (n, 6) rectangles: unit vector to (x, y) as s and t; the camera's position as s and t; distance; half of the
         width.
         (n,) bits of the cameras: 1 << i for camera i.
-
-    An occluder with its centre in a camera's rectangle hides (x, y) from it.
-
-    Args:
-        x: position.
-        y: position.
-        cameras: (N, 2) positions.
-        priors: of the occluders.
-        j: which of them.
-
-    Returns:
-        (n, 6): direction to the position, s and t; the camera's position, s and t; distance; half-width.
-        (n,): bit of the camera.
     """
     c, s, radius = priors.axis[j, 0], priors.axis[j, 1], priors.radius[j]
     reach = SUPPORT_SIGMAS * priors.sigma[j]
@@ -252,7 +239,8 @@ def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
 def _interval(row: Floats, t: float) -> tuple[float, float]:
     """Return the interval (low, high) of s in which the slice at t is inside a rectangle; low > high if it is not.
 
-    `row` (6,) is the rectangle as `_strips` returns it.
+    `row` (6,) is the rectangle: unit vector of its long axis (s, t), middle of its first short side (s, t), length,
+    half of the width.
     """
     d_s, d_t, r, radius = row[0], row[1], row[4], row[5]
     start = (t - row[3]) * d_t - row[2] * d_s  # distance along the line of sight at s = 0; it grows by d_s

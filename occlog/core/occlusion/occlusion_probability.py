@@ -453,7 +453,7 @@ def unhidden_over(
 def coefficients_of(values: Floats, fit_first: Floats, fit_second: Floats) -> Floats:
     """Return the (nx, ny) Chebyshev coefficients of values (nx ny,) at grid points, second coordinate running faster.
 
-    `fit_first` (nx, nx) and `fit_second` (ny, ny) are those of `HiddenGrid`.
+    `fit_first` (nx, nx) and `fit_second` (ny, ny) are the cosine transforms of `fit` for both coordinates.
     """
     nx, ny = fit_first.shape[0], fit_second.shape[0]
     half, out = np.zeros((nx, ny)), np.zeros((nx, ny))

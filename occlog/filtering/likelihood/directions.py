@@ -288,10 +288,15 @@ def likely_inliers(
 
 
 class Occlusion(NamedTuple):
-    """Settings of the likelihood among moving occluders with priors.
+    """Settings of the likelihood among moving occluders with priors: how the reports of several cameras are combined.
+
+    Let a_i be the factor of camera i if it sees the position, b_i that if an occluder hides it, P_i the probability
+    that none does. INDEPENDENT: prod_i (P_i a_i + (1 - P_i) b_i). RECURSION, EXACT: the sum over subsets Q of cameras
+    of p_Q prod_Q (a_i - b_i) prod_not-Q b_i, with p_Q the probability that none of Q is blocked, by [Ercan] Eq. 8 or
+    exact.
 
     Attributes:
-        probability: INDEPENDENT, RECURSION or EXACT: how cameras are combined, see the module docstring.
+        probability: INDEPENDENT, RECURSION or EXACT.
         form: form of the probability that an occluder hides a position: PRINTED (Eq. 7), IMPROVED or QUADRATURE.
         floor: least probability that counts, 0 to 1.
         far: standard deviations beyond which a normal prior counts as 0.

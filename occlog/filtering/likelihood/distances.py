@@ -98,7 +98,9 @@ def without_detours(bend: Floats) -> DistanceErrors:
 
 
 def log_density(u: Floats, errors: DistanceErrors, variance: Floats | float = 1.0) -> Floats:
-    """Return the logarithm of sqrt(2 pi) f(u), (..., m), of the density f of residuals (see the module).
+    """Return the logarithm (..., m) of sqrt(2 pi) f(u), with f the density of residuals u.
+
+    f is a mixture of a Gaussian, of late signals (exponentially modified Gaussian) and of a constant for false values.
 
     Args:
         u: (..., m) residuals in standard deviations.

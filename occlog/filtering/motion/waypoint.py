@@ -195,8 +195,9 @@ def stands(regime: int, motion: WaypointModel) -> bool:
 def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float]:
     """Return the process noise of a waiting particle in a step: position variance, velocity gain, conditional variance.
 
-    The three are defined as in `gather`. A particle that has just stopped creeps with a velocity of N(0, sigma_creep^2
-    s) per axis; the velocity of one that stood in the step before, too, has white noise.
+    Given the position x', the velocity is c + gain (x' - x - c dt) plus noise of the conditional variance, with c the
+    velocity before. A particle that has just stopped creeps with a velocity of N(0, sigma_creep^2 s) per axis; the
+    velocity of one that stood in the step before, too, has white noise.
 
     Args:
         dt: length of the step [s].

@@ -185,12 +185,14 @@ def initiate(xy: Floats, noise: Floats, speed: float) -> Walkers:
 
 
 def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
-    """Return the objects a time later: P' = F P F^T + Q in blocks of position and velocity.
+    """Return the objects a time dt later: P' = F P F^T + Q in blocks of position and velocity.
+
+    Per axis Q = q^2 [dt^3/4 dt^2/2; dt^2/2 dt]: an acceleration that is constant during dt, with variance q^2 / dt.
 
     Args:
         walkers: M objects.
-        dt: (M,) or one time, >= 0.
-        q: standard deviation of the change of velocity per axis in a unit of time, >= 0 (Q: see the module).
+        dt: (M,) times or one time, >= 0.
+        q: standard deviation of the change of velocity per axis in a unit of time, >= 0.
     """
     t = np.broadcast_to(np.asarray(dt, dtype=np.float64), (len(walkers.xy),))[:, None, None]
     q2 = q**2 * np.eye(2)

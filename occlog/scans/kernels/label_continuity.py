@@ -576,7 +576,8 @@ def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
         k: identity.
         now: time [s].
         state: filters and rivals, changed in place.
-        events: (., 7); a jump fills the first row, as in `follow_labels`.
+        events: (., 7); a jump fills the first row: kind, time [s], speed, identity, factor of the motion's variance,
+            time at which the new position is confirmed, distance.
     """
     rival, old = state.rival[k], state.contradicted[k]
     opened = min(state.open_s[:, k].min(), state.open_s[:, :, k].min()) < math.inf

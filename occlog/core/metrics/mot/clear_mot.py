@@ -160,7 +160,7 @@ def match(frames: MatchedFrames, rule: ClearRule = CLASSIC) -> MatchedPairs:
 
 
 class ClearCounts:
-    """Accumulates CLEAR-MOT counts over frames in the order of time."""
+    """CLEAR-MOT counts (rows, pairs, switches, segments) and sums of distances, accumulated in the order of time."""
 
     def __init__(self, targets: int) -> None:
         """Start without frames; `targets` is the number of all targets."""

@@ -24,17 +24,17 @@ from .frame_pairs import MatchedFrames, TargetTrackSums
 
 
 class Gospa(NamedTuple):
-    """GOSPA by frame, (T,) each; localisation + missed + false = gospa^p.
+    """GOSPA and its parts by frame, (T,) each; localisation + missed + false = gospa^p.
 
     Attributes:
         frame: number of each frame.
         view: its view.
         gospa: the metric, unit of the distance.
         localisation: sum of d^p of the pairs, unit^p.
-        missed: part of the targets without an estimate, unit^p.
-        false: part of the estimates without a target, unit^p.
-        n_missed: number of those targets.
-        n_false: number of those estimates.
+        missed: c^p / alpha for each target without an estimate, unit^p.
+        false: c^p / alpha for each estimate without a target, unit^p.
+        n_missed: number of targets without an estimate.
+        n_false: number of estimates without a target.
         p: exponent.
     """
 

@@ -260,16 +260,16 @@ def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints
 
 
 class Identity(NamedTuple):
-    """IDF1 counts and rates; rates are NaN if the divisor is 0.
+    """IDF1 counts and rates, with tracks assigned to targets one to one; rates are NaN if the divisor is 0.
 
     Attributes:
-        idtp: rows in which a target is met by the track that is given to it.
-        idfp: the other rows of tracks.
-        idfn: the other true rows.
+        idtp: true rows that are matched by the track assigned to their target.
+        idfp: other rows of tracks.
+        idfn: other true rows.
         idf1: 2 idtp / (2 idtp + idfp + idfn).
         idp: idtp / (idtp + idfp).
         idr: idtp / (idtp + idfn).
-        track: (G,) number of the track that is given to each target; -1: none ever meets it.
+        track: (G,) number of the track assigned to each target; -1: none.
     """
 
     idtp: int
@@ -297,7 +297,7 @@ class IdentityCounts:
         self._threshold = threshold
 
     def update(self, frames: MatchedFrames) -> None:
-        """Add frames; target and track numbers are the same in all parts."""
+        """Add the matches of frames; target and track numbers are the same in all parts of a recording."""
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         for t in frames.meeting():
             left, right = frames.rows(t)

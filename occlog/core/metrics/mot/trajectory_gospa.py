@@ -70,22 +70,6 @@ class TrajectoryPieces(NamedTuple):
         partner: (n,) the track.
         final: (n,) whether no row that comes later can be in the target's or in the track's piece of time.
         kind: (n,) `FREE`, `CHANGE` or `NOTHING`.
-
-    Attributes:
-        truth: (n,) number of the target in its piece of time: pieces with the same one share it.
-        track: (n,) the same of the track.
-        begin: (n,) first frame.
-        end: (n,) frame after the last.
-        before: (n,) weight of the pair before it: 0, 1 or `OPEN`.
-        behind: (n,) weight of the pair behind it.
-        first: (n,) first row of `TrajectoryPairs` in it.
-        last: (n,) row after the last.
-        pin_before: (n,) pin of the pair itself that it begins behind; -1: none.
-        pin_behind: (n,) pin of the pair itself that it ends at; -1: none.
-        target: (n,) the target itself.
-        partner: (n,) the track itself.
-        final: (n,) whether no row that comes later can be in the target's or in the track's piece of time.
-        kind: (n,) `FREE`, `CHANGE` or `NOTHING`.
     """
 
     truth: Ints
@@ -132,14 +116,6 @@ class FixedPairs(NamedTuple):
         last: (n,) last frame.
         before: (n,) whether the pair's piece of time that ends at this segment has been processed.
         behind: (n,) whether the pair's piece of time that begins after this segment has been processed.
-
-    Attributes:
-        truth: (n,) target.
-        track: (n,) track.
-        first: (n,) first frame.
-        last: (n,) last frame.
-        before: (n,) whether the pair's piece of time that ends here is done.
-        behind: (n,) whether that which begins here is done.
     """
 
     truth: Ints
@@ -231,7 +207,10 @@ def sure_segments(pairs: TrajectoryPairs, most: float, switch: float, known: Int
 
 
 def enough_gain(switch: float) -> float:
-    """Return the gain that a pair needs before and after a row to be fixed: three times `switch` = gamma^p."""
+    """Return the gain, a sum of c^p - d^p, that a pair needs before and after a row to be fixed: 3 gamma^p.
+
+    `switch` is gamma^p, the price of a change of track.
+    """
     return 3.0 * switch * (1.0 + 1e-9)
 
 
@@ -247,14 +226,6 @@ def pieces_of(
         pins: segments in which pairs are fixed.
         frames: number of all frames.
         over: of each target and of each track whether all its rows have been added; None: all have.
-
-    Pieces without a row and without weight before or after, and processed pieces, are omitted.
-
-    Args:
-        pairs: rows that meet, sorted by pair, then by time; rows within pins may be omitted.
-        pins: segments in which pairs are sure.
-        frames: number of all frames.
-        over: of each target and of each track whether all its rows are there; None: all are.
     """
     by_truth, by_track = pins.by(pins.truth), pins.by(pins.track)
     undone = ~(pins.before & pins.behind)
@@ -508,7 +479,7 @@ class TrajectoryCosts:
         self._changes.merge(other._changes)
 
     def _finish(self) -> None:
-        """Solve the remaining pieces, after all frames were added."""
+        """Solve all pieces of time that are left, since no frame can be added any more; a second call has no effect."""
         if self._finished:
             return
         targets, tracks = self._over
@@ -565,7 +536,10 @@ class TrajectoryCosts:
         self._runs, self._sure = kept._replace(cost=self._most - sure.gained[keep]), sure.rows[keep].astype(np.int64)
 
     def _solve(self) -> None:
-        """Solve the pieces that no later frame can change, and drop them."""
+        """Solve the linear programs of the pieces of time that no later frame can change.
+
+        Their costs are added to the sums, and their rows and fixed segments are dropped.
+        """
         pieces = pieces_of(self._loose, self._pins, self._frames, self._over)
         done = np.zeros(len(pieces.final), dtype=np.bool_)
         done[(pieces.kind != FREE) & pieces.final] = True

@@ -269,10 +269,13 @@ def _rows(state: FixState, scan: Scan) -> Ints:
 def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
     """Return the rows of a scan that agree on a crossing of two lines of sight, at most one for each sensor.
 
-    `rows` are the indices to choose from.
-
     The crossing is the one with the least sum of squared residuals, each limited to the gate. Of more rows than
     `MAX_PAIRS` pairs allow, unlabelled and then uncertain ones are left out.
+
+    Args:
+        state: sensors and settings.
+        scan: bearings of one time.
+        rows: indices of the bearings to choose from.
     """
     if len(rows) ** 2 > MAX_PAIRS:
         keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MAX_PAIRS**0.5)]

@@ -315,9 +315,16 @@ def _partner(choice: Ints, k: int) -> int:
 
 @kernel
 def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, separate: Floats) -> float:
-    """Return the weight of one association event, up to the clutter's density; 0 if three targets share a bearing.
+    """Return the weight of one association event of K targets and N bearings; 0 if three targets share a bearing.
 
-    `choice` (K,) is the index of each target's bearing, -1 if it is not heard; the others are as in `_all_events`.
+    Densities are in units of the clutter density.
+
+    Args:
+        choice: (K,) index of each target's bearing; -1: it is not heard.
+        alone: (K, N) relative density of bearing i and that target k is heard with it.
+        unheard: (K,) probability that target k is not heard.
+        shared: (K, K, N) relative density of bearing i and that both targets are heard with it.
+        separate: (K, K) probability that two targets that are both heard are heard apart.
     """
     K = choice.shape[0]
     weight = 1.0

@@ -182,7 +182,7 @@ def shared_axis(p: int, q: int) -> int:
 def combine(
     planes: tuple[int, int], flat: tuple[PlanePosterior, PlanePosterior], rule: str, errors: Floats
 ) -> CombinedPosterior:
-    """Combine the posteriors of two planes to a state in space.
+    """Return the state in space that combines the posteriors of two planes.
 
     The common axis is a weighted mean; its covariance includes what the planes' errors have in common.
 
@@ -211,7 +211,7 @@ def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], 
     Args:
         flat: posteriors of the two planes.
         rows: for each plane, the indices of position and velocity of the common axis in its state.
-        rule: `inverse`, `planes-weighted` or `equal`, see `combine`.
+        rule: `inverse`: by inverse variance; `planes-weighted`: by the evidence of the planes; `equal`: one half each.
     """
     if rule == "equal":
         return np.full((2, 2), 0.5)

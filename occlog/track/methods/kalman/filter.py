@@ -379,7 +379,13 @@ def _smoothed(traces: Sequence[PosteriorRecord], config: K) -> list[SmoothedStat
 
 
 def _method(config: type[K], update: Update[K], by_stations: StationUpdate | None) -> Online[KalmanState[K], K]:
-    """Return a method from its class of settings and its updates; see `stepper` for `update` and `by_stations`."""
+    """Return a tracking method with smoothing, made of its settings and its updates.
+
+    Args:
+        config: class of settings.
+        update: updates a state by the directions of a scan.
+        by_stations: updates a state by ranges, differences and strengths; None: the method uses no such measurements.
+    """
     return Online(
         config=config,
         init=init,

@@ -55,17 +55,18 @@ def mixture_update(
     false: float,
     update: RowsUpdate,
 ) -> MixtureUpdate:
-    """Update a state by R rows that are each false with a given probability (as in probabilistic data association).
+    """Return a state updated by R rows that may be false (probabilistic data association), and (R,) probabilities.
 
-    All hypotheses on which rows are true are enumerated, for at most `MAX_JOINT_ROWS` rows at a time; the mixture of
-    their posteriors is replaced by the Gaussian of equal mean and covariance.
+    The probabilities are those that the rows are true. All hypotheses on which rows are true are enumerated, for at
+    most `MAX_JOINT_ROWS` rows at a time; the mixture of their posteriors is replaced by the Gaussian of equal mean and
+    covariance.
 
     Args:
         state: the prediction.
         rows: R measurements of directions, any number.
         near: the rows linearised, to find the probable hypotheses.
         world: the sensors.
-        false: probability that a row is false; 0: all are true.
+        false: prior probability that a row is false; 0: all are true.
         update: updates a Gaussian by the true rows of a hypothesis; its score weighs the hypothesis.
     """
     count = len(rows.sensor)

@@ -88,11 +88,9 @@ class RegionMoments(NamedTuple):
 
 
 def region_moments(region: BaseGeometry) -> RegionMoments:
-    """Return area, centroid and covariance of a uniform position over a polygon with holes, or over several.
+    """Return area, centroid and covariance of a uniform position in a region, by Green's theorem.
 
-    The moments are computed by Green's theorem.
-
-    `region` has a positive area.
+    `region` is a polygon, possibly with holes, or several polygons; its area is above 0.
     """
     # About the middle of its bounds, since moments of a region far from the origin would cancel
     x0, y0, x1, y1 = region.bounds

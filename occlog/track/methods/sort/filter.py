@@ -141,7 +141,10 @@ class _Scored(NamedTuple):
 
 
 class SortFilter:
-    """The filter of one camera: its tracks, and what it has learned of the detector; `step` changes it."""
+    """Tracker of the boxes of one camera: tracks, learned statistics of the detector, encounters of targets.
+
+    `step` updates it in place by the boxes of a frame.
+    """
 
     def __init__(self, config: SortConfig, size: tuple[int, int] | None = None) -> None:
         """Start without tracks.

@@ -102,9 +102,7 @@ def linked(
 ) -> tuple[list[Boxes], list[Doubt]]:
     """Cut tracks where they are doubtful, and link the tracklets; return the tracks and the doubtful links.
 
-    Tracks are sorted by first frame.
-
-    Tracks with fewer boxes than `min_boxes` are dropped.
+    The tracks returned are sorted by first frame; those with fewer boxes than `min_boxes` are dropped.
 
     Args:
         tracks: tracks of the filter.

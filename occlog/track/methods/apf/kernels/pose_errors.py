@@ -167,11 +167,10 @@ def intersection_point(sights: LabelledBearings, positions: Floats, mean: Floats
 
 
 def evidence(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
-    """Return what bearings of one time say about pose errors e, whatever the target's position: y and G.
+    """Return a linear measurement of the pose errors e by bearings of one time, for any target position: y and G.
 
-    They satisfy y = G (e - mean) + noise of unit variance.
-
-    The noise has unit variance. The part of the residuals that a shift of the target could explain is projected away.
+    y = G (e - mean) + noise of unit variance. The part of the residuals that a shift of the target could explain is
+    projected away.
 
     Args:
         sights: n bearings.

@@ -419,10 +419,10 @@ def covariances_with_contradiction(
     odds: ViewOdds,
     sine: float,
 ) -> ViewContradictions:
-    """Compute covariances of positions as mixtures over the hypotheses about which views are on the target.
+    """Return covariances of positions as mixtures over the hypotheses about which views are on the target.
 
     A covariance is the second moment of the hypotheses' positions about the position reported, weighted by their
-    probabilities (see the module). With `odds.right` of 1 the covariances stay as they are.
+    probabilities. With `odds.right` of 1 the covariances stay as they are.
 
     Args:
         met: reported positions of the N points; not changed.

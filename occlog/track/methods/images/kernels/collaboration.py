@@ -182,7 +182,7 @@ class WeighingModel(NamedTuple):
 
 @kernel
 def neighbours(estimate: Floats, camera: Ints, touch: float, close: float) -> Neighbours:
-    """Find which trackers of the same view touch or are close.
+    """Return which trackers of the same view touch or are close, and the distance of each to its nearest neighbour.
 
     Args:
         estimate: (n, 5) estimated ellipses: centre and half axes [px], angle of the first axis [rad].

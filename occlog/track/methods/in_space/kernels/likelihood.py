@@ -134,17 +134,15 @@ def _log_product(
 
 
 def log_cone(xyz: Floats, sights: ScanDirectionSet, soften: float) -> Floats:
-    """Return (R, L) log densities of directions, Gaussian in the angle between direction and position.
-
-    This is [Lee] Sec. 2.2.2.
+    """Return (R, L) log densities of directions, Gaussian in the angle between direction and position, [Lee] 2.2.2.
 
     The variance is the mean of those towards theta and phi, (sin^2(phi) sigma_theta^2 + sigma_phi^2) / 2, so that a
-    cone is round where the true spread is not. Densities are per unit of both angles [1/rad^2]; an azimuth alone counts
-    as in `log_product`.
+    cone is round where the true spread is not. Densities are per unit of both angles [1/rad^2]; for an azimuth alone
+    they are Gaussian in the azimuth [1/rad].
 
     Args:
         xyz: (3, L) positions.
-        sights: the directions.
+        sights: R directions.
         soften: factor of the density beyond the sensor's range, in (0, 1].
     """
     s = sights
