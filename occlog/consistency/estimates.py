@@ -352,7 +352,14 @@ class SensorDisagreement:
         self._kept: list[Residuals] = []
 
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
-        """Return the diagnostics of the next rows with the flag set, given the residuals of bearings at these rows."""
+        """Return the diagnostics of the next rows, with the flag `inconsistent_sensor` set where a sensor contradicts.
+
+        A sensor contradicts where most of its bearings of the target in the last second are rejected.
+
+        Args:
+            diagnostics: rows in the order of time.
+            residuals: residuals of bearings at these rows.
+        """
         known = Residuals.concat([*self._kept, residuals])
         if not len(diagnostics):
             self._kept = [known]

@@ -194,7 +194,14 @@ def inverse_of_sum(A: Floats, J: Floats) -> Floats:
 
 @kernel
 def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
-    """Return the (T, n, n) filtering bounds; kernel of `posterior_bound`, with contiguous arrays as its arguments."""
+    """Return the (T, n, n) filtering bounds of the error covariance; the kernel of `posterior_bound`.
+
+    Args:
+        information: (T, n, n) Fisher information of all measurements of a step, contiguous like the others.
+        F: (T, n, n) transition into each step.
+        Q: (T, n, n) covariance of the motion noise of that transition.
+        P0: (n, n) covariance of the prior.
+    """
     bounds = np.empty_like(information)
     P = P0
     for k in range(information.shape[0]):
@@ -251,9 +258,16 @@ def smoothing_bound_before(
 
 @kernel
 def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats) -> tuple[Floats, Floats]:
-    """Return the smoothing bounds and the information about the state before; the kernel of `smoothing_bound_before`.
+    """Return (T, n, n) smoothing bounds and the (n, n) information before the first step, by a backward recursion.
 
-    The arguments are the same as there, as contiguous arrays.
+    The kernel of `smoothing_bound_before`; all arrays are contiguous.
+
+    Args:
+        bounds: (T, n, n) filtering bounds.
+        information: (T, n, n) Fisher information of all measurements of a step.
+        F: (T, n, n) transition into each step.
+        Q: (T, n, n) covariance of the motion noise of that transition.
+        later: (n, n) information of later steps about the state at the last step.
     """
     smoothed = np.empty_like(bounds)
     B = later

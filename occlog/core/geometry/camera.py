@@ -316,13 +316,13 @@ def is_upright(rotations: Floats) -> bool:
 def looks_away(centres: Floats, rotations: Floats) -> bool:
     """Return whether cameras have what they observe behind them, as in a misread left-handed world.
 
-    Optical axes of two or more cameras meet behind every camera. One camera, or several with the same viewing
-    direction, are upside down, point upwards and are above the ground z = 0. Rigs that face outwards are upright and
-    above the ground, and are not reported.
+    True if the optical axes of two or more cameras meet behind every camera; or, of one camera or several with parallel
+    axes, if all are upside down, point upwards and are above the ground z = 0. False for cameras that are upright with
+    one above the ground, such as rigs that face outwards.
 
     Args:
-        centres: (C, 3) of cameras, C >= 1.
-        rotations: (C, 3, 3) world-from-camera.
+        centres: (C, 3) positions of the cameras, C >= 1.
+        rotations: (C, 3, 3) world-from-camera rotations.
     """
     if is_upright(rotations) and (centres[:, 2] >= 0.0).any():
         return False

@@ -87,24 +87,23 @@ def projected_covariance(
 ) -> Floats:
     """Return the first-order covariance of the three projected angles (xy, yz, zx) of one sensor.
 
-    With the world's axes and both sigmas equal its diagonal is sigma^2 times 1,
-    (s^2 c^2 cos^2 theta + sin^2 theta) / (1 - s^2 cos^2 theta)^2 and
-    (s^2 c^2 sin^2 theta + cos^2 theta) / (1 - s^2 sin^2 theta)^2 (Figs. 2-2 and 2-3 of [Lee] as formulas).
-    They hold where the line of sight is not near the plane's normal (`blind_planes`) and not
-    near the sensor's own z axis, where an azimuth moves the line by sigma_theta sin phi only.
-    There they fall to zero while the true variance does not, since phi is noisy too.
+    With s = sin phi and c = cos phi, for a sensor with the world's axes and both sigmas equal, the variances are
+    sigma^2 times 1, (s^2 c^2 cos^2 theta + sin^2 theta) / (1 - s^2 cos^2 theta)^2 and (s^2 c^2 sin^2 theta + cos^2
+    theta) / (1 - s^2 sin^2 theta)^2 (Figs. 2-2 and 2-3 of [Lee] as formulas). First order does not hold near a plane's
+    normal (`blind_planes`). Near the sensor's z axis it falls to zero for the azimuth while the true variance does not,
+    since phi is noisy too.
 
     Args:
-        theta: (...,) measured azimuth in the sensor's frame [rad].
-        phi: (...,) measured polar angle in the sensor's frame [rad].
-        sigma_theta: standard deviations of theta [rad], one or (...,).
-        sigma_phi: standard deviations of phi [rad], one or (...,).
-        rotation: (..., 3, 3) world-from-sensor.
-        pole_term: take sin^2 phi + cos^2 phi sigma_phi^2 for sin^2 phi, which mends that:
-            what a filter should do with measured angles.  False is the plain first order.
+        theta: (...) measured azimuth in the sensor's frame [rad].
+        phi: (...) measured polar angle in the sensor's frame [rad].
+        sigma_theta: standard deviations of theta [rad], one or (...).
+        sigma_phi: standard deviations of phi [rad], one or (...).
+        rotation: (..., 3, 3) world-from-sensor rotation.
+        pole_term: use sin^2 phi + cos^2 phi sigma_phi^2 in place of sin^2 phi, which corrects the error near the z
+            axis, for filters with measured angles.
 
     Returns:
-        (..., 3, 3) [rad^2] of rank 2: two angles hold all that the sensor measured.
+        (..., 3, 3) [rad^2] of rank 2, as the sensor measures two angles.
     """
     spread = np.sin(phi) ** 2 + (np.cos(phi) * sigma_phi) ** 2 * pole_term
     sigmas = np.stack([sigma_theta * np.sqrt(spread), np.full(np.shape(phi), sigma_phi)], axis=-1)

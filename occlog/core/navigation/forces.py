@@ -43,14 +43,18 @@ def direction(p: Floats, q: Floats) -> Floats:
 
 
 def attractive_potential(p: Floats, goal: Floats, field: Field) -> Floats:
-    """Return the potential (...) of the goals (..., 2) at positions p (..., 2): c_att rho^m ([Lee] Eq. 5.9)."""
+    """Return the potential (...) of the goals (..., 2) at positions p (..., 2): c_att rho^m ([Lee] Eq. 5.9).
+
+    rho is the distance; `field` has the constants c_att and m.
+    """
     return np.asarray(field.attraction * distance(p, goal) ** field.attraction_power)
 
 
 def repulsive_potential(p: Floats, obstacle: Floats, field: Field) -> Floats:
-    """Return the potential (...) of obstacles at positions `p` (..., 2) ([Lee] Eq. 5.10); 0 beyond the influence.
+    """Return the potential (...) of obstacles at positions `p` (..., 2): c_rep (1 / rho - 1 / rho_0)^n ([Lee] 5.10).
 
-    `obstacle` (..., 2) is the point of each obstacle from which distances are measured.
+    It is 0 for distances rho above rho_0. `obstacle` (..., 2) is the point of each obstacle from which distances are
+    measured; `field` has the constants.
     """
     rho = np.maximum(distance(p, obstacle), LEAST)
     excess = np.maximum(1.0 / rho - 1.0 / field.influence, 0.0)
@@ -60,7 +64,7 @@ def repulsive_potential(p: Floats, obstacle: Floats, field: Field) -> Floats:
 def attractive_force(p: Floats, goal: Floats, field: Field) -> Floats:
     """Return the force (..., 2) of the goals (..., 2) on robots at `p` (..., 2) ([Lee] Eq. 5.11).
 
-    It points to the goal, and is 0 on it.
+    It is minus the gradient of the potential with the constants `field`: it points to the goal, and is 0 on it.
     """
     return -attraction_at(distance(p, goal), field)[..., None] * direction(p, goal)
 

@@ -245,9 +245,9 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             raise NoCacheError from error
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled kernel for a signature; None if it is missing, or stored in a form that cannot be read.
+        """Return the compiled kernel for the argument types `sig`; None if it is missing, or cannot be read.
 
-        An unreadable cache is emptied.
+        An unreadable cache is emptied. `target_context` is numba's.
         """
         try:
             return super().load_overload(sig, target_context)
@@ -256,7 +256,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save the compiled kernel of a signature.
+        """Save the compiled kernel `data` for the argument types `sig`.
 
         On failure (full disk) a note is made, and only this process has the kernel.
         """

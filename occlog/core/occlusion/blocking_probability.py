@@ -113,7 +113,10 @@ def crossing(a: Floats, b: Floats) -> float:
 
 @kernel
 def steepest(border: Floats, low: float, high: float) -> float:
-    """Return the greatest |ds/dt| of the sides that pass between the slices at t = low and t = high; 0 without any."""
+    """Return the greatest |ds/dt| of the sides that pass between the slices at t = low and t = high; 0 without any.
+
+    `border` (E, 4) has the coordinates s, t of both ends of each side.
+    """
     most = 0.0
     for e in range(border.shape[0]):
         s0, t0, s1, t1 = border[e]

@@ -370,7 +370,7 @@ class TargetTrackSums:
         self._matrix, self._targets, self._tracks = None, self._targets + other._targets, tracks
 
     def _settle(self) -> None:
-        """Add up pending values, in the order in which they were added."""
+        """Add the pending additions to the sums, in the order in which they were made; sums of 0 are dropped."""
         if not self._pending:
             return
         keys = np.concatenate([self._keys, *(key for key, _ in self._pending)])

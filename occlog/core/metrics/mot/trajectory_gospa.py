@@ -496,7 +496,13 @@ class TrajectoryCosts:
         return TrajectoryGospa(sum(parts), *parts, self._p)
 
     def _tell_sure(self, new: TrajectoryPairs) -> None:
-        """Add the costs of fixed rows, and separate others that may become fixed from those that will not."""
+        """Classify the rows of further frames: fixed rows, rows that may become fixed later, and rows that will not.
+
+        The costs of fixed rows are added; the others are kept, the last kind for the linear programs.
+
+        Args:
+            new: rows within the cutoff of further frames, sorted by pair, then by time.
+        """
         rows = TrajectoryPairs._make(
             np.concatenate(column) for column in zip(self._runs, self._later, new, strict=True)
         )

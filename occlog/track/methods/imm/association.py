@@ -109,9 +109,13 @@ def direction(heard: BearingFit, weights: Floats) -> Direction:
 
 
 def density(at: Floats, within: Bools, bearing: Floats, sigma: Floats) -> Floats:
-    """Return (N, J, L) normal densities [1/rad] of N bearings, given particle bearings `at` (J, L) in [-pi, pi].
+    """Return (N, J, L) normal densities [1/rad] of N bearings at L particles under J models.
 
-    Standard deviations are `sigma` (N,) [rad]; densities are 0 where not `within` (J, L).
+    Args:
+        at: (J, L) azimuths of the particles from the sensor [rad], in [-pi, pi].
+        within: (J, L) whether a particle is in the sensor's range; the density of others is 0.
+        bearing: (N,) measured bearings [rad].
+        sigma: (N,) their standard deviations [rad].
     """
     out = np.empty((len(bearing), *at.shape))
     for i, (a, s) in enumerate(zip(wrap_angle(bearing).tolist(), sigma.tolist(), strict=True)):

@@ -522,8 +522,13 @@ class CameraRequests:
     ) -> list[CameraAnswer]:
         """Return an answer for each of `asks`, then of `others`, with the intersection assigned to it, if any.
 
-        Targets get the intersection of their label if present, else the nearest within the gate; each intersection
-        counts once. Known targets have priority over unknown ones.
+        A target gets the intersection with its label if there is one, else the nearest within the gate; each
+        intersection is used once. Known targets have priority over unknown ones.
+
+        Args:
+            asks: requests.
+            others: other targets that the frames may show.
+            found: intersections of lines of sight of two cameras, with covariances and labels.
         """
         # Match by label
         everyone = [*asks, *others]
@@ -557,7 +562,7 @@ class CameraRequests:
 
 
 def _answer(ask: CameraQuestion, found: _CameraFix, c: int) -> CameraAnswer:
-    """Return the answer to a request with the position, covariance and label of intersection number `c`."""
+    """Return the answer to a request, with position, covariance and label of intersection number `c` of `found`."""
     return CameraAnswer(ask, found.xy[c], found.covariance[c], int(found.label[c]))
 
 

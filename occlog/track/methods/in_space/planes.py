@@ -115,9 +115,12 @@ def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
 
 
 def reactivated(errors: Floats, plane: int, combination: Floats) -> Floats:
-    """Return the (12, 12) joint error covariance after plane number `plane` was restarted from the combined estimate.
+    """Return the (12, 12) joint error covariance of the planes after one was restarted from the combined estimate.
 
-    `combination` (6, 12) is the combined state as a linear function of the planes' states.
+    Args:
+        errors: (12, 12) joint error covariance before.
+        plane: number of the restarted plane.
+        combination: (6, 12) combined state as a linear function of the planes' states.
     """
     T = np.eye(12)
     T[PLANE_ROWS[plane]] = TO_PLANES[PLANE_ROWS[plane]] @ combination
@@ -313,9 +316,14 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
 
 
 def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -> Ints:
-    """Return (N,) for each sensor the row of its direction that points nearest to position `near` (3,).
+    """Return (N,) the row of each sensor's direction that points nearest to the position `near` (3,).
 
     -1 for a sensor without a direction; the sensor's first row if `near` is NaN.
+
+    Args:
+        heard: R directions of a scan of N sensors.
+        angles: these directions as unit vectors, with their projected angles.
+        near: (3,) position.
     """
     first = heard.sights.first
     to = near - heard.sights.position

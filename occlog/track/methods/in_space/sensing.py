@@ -274,9 +274,12 @@ def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
 def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
     """Return (6, n) particles (x, y, z, vx, vy, vz), Gaussian around a start.
 
-    `start` has one of the forms of `SpaceConfig.start`.
-
-    A start with x and y alone has heights uniform over the room. Velocities that it does not state are drawn about 0.
+    Args:
+        space: settings, and the height of the room.
+        start: x, y, sigma; x, y, z, sigma; x, y, z, vx, vy, vz, sigma of positions, sigma of velocities; or these six
+            with six sigmas. Without z heights are uniform over the room; velocities not given are drawn about 0.
+        n: number of particles.
+        rng: source of random numbers.
     """
     unit = rng.standard_normal((6, n))
     mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))

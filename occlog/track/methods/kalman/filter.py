@@ -172,7 +172,14 @@ def stepper(
             return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
 
         def of_mixture(known: Gaussian, near: Linearisation, inside: Bools, by: RowsUpdate) -> KalmanUpdate:
-            """Update by rows inside the gate as a mixture of true and false; labelled rows outside count as false."""
+            """Return the state `known` after rows inside the gate, each true or false; labelled rows outside are false.
+
+            Args:
+                known: the prediction.
+                near: all rows, linearised.
+                inside: (R,) rows inside the gate.
+                by: updates a Gaussian by rows that are all true.
+            """
             own, outside = rows, ~inside & rows.labelled
             if not inside.all():
                 own, near = rows.take(inside), near.take(inside)

@@ -252,9 +252,15 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
 
 
 def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """Return (L,) values of minus the log of prior times likelihood at `positions` (L, 2), up to a constant.
+    """Return (L,) values of minus the log of prior times likelihood at positions (L, 2), up to a constant.
 
-    inf behind a camera. `state` is the prior, `rows` are the measurements of directions.
+    inf behind a camera.
+
+    Args:
+        positions: (L, 2) positions.
+        state: prior.
+        rows: measurements of directions.
+        world: the sensors.
     """
     away = positions - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
@@ -267,9 +273,17 @@ def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: Me
 def gauss_newton(
     start: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig
 ) -> tuple[Floats, float, bool]:
-    """Search for the minimum of `map_cost` by Gauss-Newton from `start` (2,), with halved steps.
+    """Search for the position of largest posterior density (least `map_cost`) by Gauss-Newton with halved steps.
 
-    Return the end position (2,), its cost, and whether the border of the visible region stopped the search.
+    Args:
+        start: (2,) first position.
+        state: prior.
+        rows: measurements of directions.
+        world: the sensors.
+        config: settings of method `iekf`.
+
+    Returns:
+        End position (2,), its cost, and whether the border of the visible region stopped the search.
     """
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])
     whiten = np.linalg.inv(np.linalg.cholesky(state.covariance[:2, :2]))

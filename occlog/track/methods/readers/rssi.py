@@ -290,7 +290,7 @@ def smoothed_states(tag_model: TagFilterModel, traces: Sequence[PosteriorRecord]
     readers = len(traces[0].after.mean) - 4
 
     def transition(dt_s: float) -> tuple[Floats, Floats]:
-        """Return transition matrix and noise of `_predict`'s motion and of the shadowing."""
+        """Return transition matrix and noise covariance over `dt_s` [s] of (x, y, vx, vy, shadowing of each reader)."""
         forgets = np.repeat([tag_model.turn_s, tag_model.model.shadow_s], [2, readers])
         stationary = np.repeat([tag_model.speed**2, tag_model.model.shadow_db**2], [2, readers])
         decay = np.exp(-dt_s / forgets)

@@ -55,10 +55,11 @@ BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 
 @kernel
 def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
-    """Return (M, 12) parameters of a scan's directions, one row each, for the importance density; columns `KIND`, ...
+    """Return (M, 12) parameters of a scan's directions, one row each, for the importance density.
 
-    The likelihood factor of a sensor's report at a position is the sum of SCALE times the density of each of its
-    measurements, plus CLUTTER for measurements that are not of the target.
+    Columns: kind, measured value, noise, factor (SCALE), position of the sensor (2), cosine and sine of its axis, focal
+    length [px], variances of its position and yaw, and density of false measurements (CLUTTER). The likelihood factor
+    of a sensor's report at a position is the sum of SCALE times the density of each of its measurements, plus CLUTTER.
 
     Args:
         scan: packed scan with M measurements.

@@ -87,9 +87,10 @@ def repulsion(x: float, y: float, mine: Floats, estimate: Floats, touching: Bool
 
 @kernel
 def half_reach(one: Floats, other: Floats) -> float:
-    """Return the mean support radius [px] of two ellipses (5,) in the direction of the line between their centres.
+    """Return the mean support radius [px] of two ellipses in the direction of the line between their centres.
 
-    An ellipse is (cx, cy, a, b, rho); its support radius in a direction is half the length of its projection onto it.
+    `one` and `other` (5,) are (cx, cy, a, b, rho). The support radius of an ellipse in a direction is half the length
+    of its projection onto the direction.
     """
     theta = math.atan2(other[1] - one[1], other[0] - one[0])
     total = 0.0

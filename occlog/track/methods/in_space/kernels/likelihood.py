@@ -85,9 +85,18 @@ def _log_product(
     reach: Floats,
     log_soften: float,
 ) -> Floats:
-    """Compute `log_product` from the fields of the directions: (R, L) log densities for positions `xyz` (3, L).
+    """Return (R, L) log densities of R directions for L positions: the kernel of `log_product`.
 
-    `log_soften` is the log of the factor beyond the range `reach`; a direction with NaN as `phi` is an azimuth alone.
+    Args:
+        xyz: (3, L) positions.
+        position: (R, 3) positions of the sensors.
+        frame: (R, 3, 3) rows are unit vectors in the world: along the measured azimuth, to the left of it, and up (the
+            axis of polar angles).
+        phi: (R,) polar angles [rad]; NaN: an azimuth alone.
+        sigma_theta: (R,) standard deviations of the azimuths [rad].
+        sigma_phi: (R,) standard deviations of the polar angles [rad].
+        reach: (R,) ranges of the sensors.
+        log_soften: log of the factor of the density beyond the range.
     """
     R, L = phi.shape[0], xyz.shape[1]
     out = np.empty((R, L))
