@@ -376,7 +376,7 @@ class BearingConsistency:
 
         Args:
             name: name of the sensor.
-            rows: its N candidates, by time.
+            rows: N candidates of the sensor, by time.
             near: (N,) whether a candidate is near a track.
         """
         times, first = np.unique(rows.t_ns, return_index=True)
@@ -483,7 +483,7 @@ class BearingBuffer:
         """Start with an empty buffer.
 
         Args:
-            scene: its sensors.
+            scene: the sensors.
             window_ns: an estimate holds for bearings at most this long before it [ns].
             unlabelled: candidates without a label are compared, too.
         """

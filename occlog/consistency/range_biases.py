@@ -73,7 +73,7 @@ class RangeBiases:
         """Start without residuals.
 
         Args:
-            scene: its cameras and arrays.
+            scene: cameras and microphone arrays.
             names: names of the stations, in the order in which measurements number them.
         """
         self._names = names

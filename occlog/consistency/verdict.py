@@ -451,7 +451,7 @@ def depleted_particles(
         check: name of the check.
         particles: histogram of effective sample sizes.
         allowed: share of the rows, 0 to 1.
-        severity: of the finding; None: the declared one.
+        severity: severity of the finding; None: the declared one.
     """
     if exceeds_share(particles.few, particles.rows, allowed):
         yield finding(

@@ -127,7 +127,7 @@ def states_before(
     Args:
         before: density of the filter before the step.
         back: (n, M) states after the step, moved back over it without noise.
-        noise: (n, n) covariance of the step's noise, moved back likewise, positive semi-definite.
+        noise: (n, n) covariance of the step's noise, moved back over the step, positive semi-definite.
         kinds: (M,) kinds of the states after the step; None: all are 0.
         chances: (J, J) probabilities of a kind (columns) given that before it (rows); None: any kind follows any.
         rng: generator of the random numbers drawn.

@@ -413,7 +413,7 @@ def with_strengths(
 
     Args:
         table: measurements in the order of time.
-        config: its `sigma_rssi` is used if set.
+        config: settings; `sigma_rssi` is used if set.
         radio: fitted path loss with noise and shadowing; None: the defaults.
         last: times of the last reads of earlier parts, updated in place; None: every read counts as a first.
     """

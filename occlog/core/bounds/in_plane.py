@@ -120,7 +120,7 @@ def known_drift_steps(dt: Floats, sigma_v: float, dimension: int = 2) -> tuple[F
     Args:
         dt: (T,) lengths of the steps [s], >= 0.
         sigma_v: standard deviation of the noise after 1 s, per axis.
-        dimension: of the position.
+        dimension: number of coordinates of the position.
 
     Returns:
         F and Q, both (T, dimension, dimension).

@@ -106,7 +106,7 @@ def is_usable(xy: Floats, coefficients: Floats, model: str) -> Bools:
 
     Args:
         xy: (N, 2) distorted normalised coordinates.
-        coefficients: of the model; (k1, k2, k3, k4, 0) for `equidistant`.
+        coefficients: coefficients of the model; (k1, k2, k3, k4, 0) for `equidistant`.
         model: `brown`, `opencv`, `tsai` or `equidistant`.
     """
     if model != "equidistant":
@@ -121,7 +121,7 @@ def to_usable(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
     Args:
         xy: (N, 2) distorted normalised coordinates.
-        coefficients: of the model; (k1, k2, k3, k4, 0) for `equidistant`.
+        coefficients: coefficients of the model; (k1, k2, k3, k4, 0) for `equidistant`.
         model: `brown`, `opencv`, `tsai` or `equidistant`.
     """
     if model != "equidistant":
@@ -235,7 +235,7 @@ def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
     Args:
         xy: (N, 2) ideal normalised coordinates.
-        coefficients: of the model, 5 for `brown`, 14 for `opencv`.
+        coefficients: coefficients of the model, 5 for `brown`, 14 for `opencv`.
         model: a polynomial one, `brown` or `opencv`.
     """
     columns = [

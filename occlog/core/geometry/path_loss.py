@@ -34,7 +34,7 @@ def log_distance(rssi: Floats, sigma_db: Floats, power: Floats, exponent: float)
         rssi: (m,) strengths [dBm].
         sigma_db: (m,) their standard deviations [dB].
         power: (m,) strengths at 1 m [dBm].
-        exponent: of the path loss, > 0.
+        exponent: exponent of the path loss, > 0.
     """
     scale = math.log(10.0) / (10.0 * exponent)
     return scale * (power - rssi), scale * sigma_db

@@ -129,11 +129,11 @@ class PairedDifference(NamedTuple):
         a, b: the figure of each run.
         difference: b - a.
         low, high: confidence interval of the difference; NaN: too few parts.
-        se: standard error of the difference; NaN likewise.
-        p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
+        se: standard error of the difference; NaN: too few parts.
+        p: two-sided p-value of the hypothesis that the runs do not differ; NaN: too few parts.
         segments: how many parts were compared, recordings or segments of time.
         recordings: whether each was a whole recording.
-        drawn: (D,) sorted means of subsets of the parts, see `subset_means`; (0,): no test.
+        drawn: (D,) sorted means of subsets of the parts, from which p is computed; (0,): no test.
     """
 
     a: float

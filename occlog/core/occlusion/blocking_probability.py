@@ -330,7 +330,7 @@ def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None
         flips: bit of the rectangle or polygon of each end, in this order.
         size: number of ends so far.
         end: the new end.
-        flip: its bit.
+        flip: bit of the new end.
     """
     k = size
     while k > 0 and ends[k - 1] > end:

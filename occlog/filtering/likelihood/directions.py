@@ -111,7 +111,7 @@ def add_pixel(
         xy: (L, 2) positions of the target.
         i: index of the camera.
         z: measurement [px], from the optical axis.
-        variance: of the reading itself [px^2]; that by the errors of the camera's pose is added.
+        variance: variance of the reading [px^2]; that by the errors of the camera's pose is added.
         share: factor of the density.
         sensors: has positions and axes of the cameras.
         noise: has focal lengths and the errors of the poses.
@@ -270,7 +270,7 @@ def likely_inliers(
         scan: n reports.
         sensors: positions, fields of view and walls of the sensors.
         noise: errors of their measurements.
-        model: probabilities; without false alarms a limit near 5 sigma applies all the same.
+        model: probabilities; without false alarms a limit near 5 sigma still applies.
     """
     out = np.zeros(scan.sensor.shape[0], dtype=np.bool_)
     for k in range(out.shape[0]):

@@ -156,7 +156,7 @@ def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple
     Args:
         u: (..., m) residuals in standard deviations.
         errors: shares and rate of both components.
-        variance: of the Gaussian part, in the squared unit of u.
+        variance: variance of the Gaussian part, in the squared unit of u.
     """
     with np.errstate(divide="ignore"):
         late, early = np.log(errors.late), np.log(errors.early)
@@ -169,7 +169,7 @@ def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
     Args:
         u: (..., m) residuals in standard deviations.
         rate: (m,) rate of the exponential in this unit.
-        variance: of the normal variable, in the squared unit of u.
+        variance: variance of the normal variable, in the squared unit of u.
     """
     root = np.sqrt(variance)
     return np.asarray(

@@ -469,7 +469,7 @@ def start_particles(
         xy: (L, 2) positions.
         floor: floor over which destinations are uniformly distributed.
         speed: mean of a normal distribution; speeds are absolute values of draws from it [length/s].
-        speed_spread: its standard deviation [length/s].
+        speed_spread: standard deviation of the speed [length/s].
         rng: generator of the random numbers drawn.
     """
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))

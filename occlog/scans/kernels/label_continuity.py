@@ -468,7 +468,8 @@ def _take(
         sensors: positions of the sensors.
         walk: motion model of the targets.
         state: filters and rivals, changed in place.
-        events: (., 7) rows that are filled for the jumps, as in `follow_labels`.
+        events: (., 7) rows that are filled for the jumps: kind, time [s], speed, identity, factor of the motion's
+            variance, time at which the new position is confirmed, distance.
     """
     K, now, n = len(state.known), rows.seconds[first], 0
     inside = np.zeros(last - first, dtype=np.bool_)

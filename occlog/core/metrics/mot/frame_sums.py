@@ -64,7 +64,7 @@ def frame_sums(frames: MatchedFrames, cells: int, rule: ClearRule = CLASSIC) -> 
 
 
 def _of(sums: Floats, name: str) -> Floats:
-    """Return the sums (...) with a name in `COUNTS`, of `sums` (..., SIZE)."""
+    """Return one of the sums (...) in `sums` (..., SIZE), by its name in `COUNTS`."""
     return np.asarray(sums[..., PLACE[name]])
 
 

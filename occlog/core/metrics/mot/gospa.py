@@ -28,7 +28,7 @@ class Gospa(NamedTuple):
 
     Attributes:
         frame: number of each frame.
-        view: its view.
+        view: number of its view.
         gospa: the metric, unit of the distance.
         localisation: sum of d^p of the pairs, unit^p.
         missed: c^p / alpha for each target without an estimate, unit^p.

@@ -29,7 +29,7 @@ class Hota(NamedTuple):
 
     A threshold at which nothing is paired has 0 everywhere, and `loc_a` 1, as in TrackEval.
     TP, FN and FP count pairs, true rows without a pair, and rows of tracks without one.  TPA, FNA and FPA of a
-    pair count the same among the rows of its target and its track: pairs of the two, other rows of the target,
+    pair count rows of its target and its track: pairs of the two, other rows of the target,
     other rows of the track.
 
     Attributes:

@@ -98,14 +98,14 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
 
 
 def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: WaypointModel, rng: Generator) -> Ints:
-    """Draw, for each of M trajectories, the particle of the record `now` through which it passes.
+    """Return for each of M trajectories the particle through which it passes at an earlier step, drawn at random.
 
     Args:
-        now: L particles.
-        later: those of the step after.
+        now: L particles of the earlier step.
+        later: particles of the step after it.
         chosen: (M,) indices of the trajectories' particles in `later`.
         motion: the motion model.
-        rng: generator of the random numbers drawn.
+        rng: source of random numbers.
 
     Returns:
         (M,) indices in `now`.

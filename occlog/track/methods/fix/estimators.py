@@ -317,11 +317,14 @@ def _median(
 
 
 def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
-    """Return equations whose matrix (2, 2) is the Fisher information of the position `xy` (2,) for kappa = 1.
+    """Return equations with the Fisher information of the position `xy` (2,) for kappa = 1 as their matrix (2, 2).
 
     Their right side is 0.
 
-    `positions` (n, 2) are the sensors', `share` (n,) the bearings' precisions relative to their mean.
+    Args:
+        positions: (n, 2) positions of the sensors.
+        xy: (2,) position.
+        share: (n,) precisions of the bearings, relative to their mean.
     """
     away = xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)

@@ -196,7 +196,7 @@ def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Sca
         world: scene and settings.
         moved: tracks moved to the time of the scan.
         array: number of the array.
-        heard: its rows of the scan.
+        heard: the array's rows of the scan.
 
     Returns:
         The tracks, the indices of the bearings that belong to no track, and the log density of all bearings.
@@ -262,7 +262,7 @@ def _associate_jointly(
         world: scene and settings.
         moved: K tracks at the time of the scan.
         array: number of the array.
-        heard: its N rows of the scan.
+        heard: the array's N rows of the scan.
         allowed: (K, N) booleans: bearing i can belong to track k.
     """
     K, N, config = len(moved), len(heard.bearing), world.config
@@ -298,7 +298,7 @@ def _merged_densities(
         world: scene and settings.
         moved: K tracks at the time of the scan.
         array: number of the array.
-        heard: its N rows of the scan.
+        heard: the array's N rows of the scan.
         fits: densities of the bearings for single targets.
 
     Returns:
@@ -345,7 +345,7 @@ def _associate_any(
         world: scene and settings.
         moved: K tracks at the time of the scan.
         array: number of the array.
-        heard: its N rows of the scan.
+        heard: the array's N rows of the scan.
         allowed: (K, N) booleans: bearing i can belong to track k.
     """
     K, N, config = len(moved), len(heard.bearing), world.config
@@ -548,7 +548,7 @@ class ArrayScans:
 
         Args:
             scene: the arrays.
-            forget_s: of a longer silence only this much is processed [s].
+            forget_s: longest time without a row that is processed as silence [s]; of a longer one only this much.
         """
         self._cameras = len(scene.cameras)
         self._clocks = [ListeningTimes(a) for a in scene.arrays]

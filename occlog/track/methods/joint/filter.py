@@ -427,9 +427,9 @@ def _estimate(
         own: (L, 4) its states x, y, vx, vy.
         weights: (L,) weights of the particles, sum 1.
         drawn: (2, 2) position covariance of the proposal, added if few particles are effective.
-        report: its measurements.
+        report: measurements of the object.
         fallback: reason of a new beginning; empty: none, and `depleted` may be set.
-        log_likelihood: of the scan; NaN in the estimate if not finite.
+        log_likelihood: log-likelihood of the scan; NaN in the estimate if not finite.
     """
     mean, covariance = _moments(own, weights, drawn)
     size = effective_sample_size(weights)

@@ -76,7 +76,7 @@ class SwitchProbabilities:
         """Start without targets.
 
         Args:
-            rate: of exchanges where views contradict each other [1/s].
+            rate: rate of identity exchanges where views contradict each other [1/s].
             alone: share of it where one view alone shows a target that several have shown before.
             start: probability that the trackers of a target begin on different ones.
         """

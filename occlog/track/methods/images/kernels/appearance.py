@@ -353,7 +353,7 @@ def learn_target(image: Bytes, ellipse: Floats, jitter: Floats, components: int)
         image: (H, W, C) or (H, W).
         ellipse: (5,) of the target: centre and half axes [px], angle of the first axis [rad].
         jitter: (N, 5) standard normal numbers, scaled here to a few per cent of the size and 0.05 rad.
-        components: number of principal components, see `learn_patches`.
+        components: number of principal components.
     """
     sizes = 0.5 * (ellipse[2] + ellipse[3]) * np.array([0.05, 0.05, 0.03, 0.03, 0.0]) + [0, 0, 0, 0, 0.05]
     near = np.vstack([ellipse, ellipse + jitter * sizes])
