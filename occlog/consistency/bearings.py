@@ -49,11 +49,11 @@ MIN_OVERLAP_SHARE = 0.5
 
 
 def confirmed_by_another(sensor: Ints | Strings, seconds: Floats) -> Bools:
-    """(N,) mask of bearings for which another sensor has a bearing within `CONFIRMATION_WINDOW_S`.
+    """Return (N,) booleans: another sensor has a bearing of the target within 1 s (`CONFIRMATION_WINDOW_S`).
 
     Args:
-        sensor: (N,) which one each bearing of a target is of.
-        seconds: (N,) times, rising.
+        sensor: (N,) sensor of each bearing of one target.
+        seconds: (N,) times [s], nondecreasing.
     """
     near = np.zeros(len(sensor), dtype=np.bool_)
     for s in np.unique(sensor).tolist():
@@ -70,9 +70,9 @@ class UnconfirmedBearings:
     """Counts bearings, those confirmed by another sensor at about the same time, and those rejected.
 
     Attributes:
-        bearings: how many there were.
-        confirmed: near to how many of them another sensor has one.
-        doubted: how many are rejected.
+        bearings: number of bearings.
+        confirmed: number of those with a bearing of another sensor within 1 s.
+        doubted: number of rejected bearings (inlier probability below 0.5).
     """
 
     bearings: int = 0
@@ -80,7 +80,7 @@ class UnconfirmedBearings:
     doubted: int = 0
 
     def add(self, part: Residuals) -> None:
-        """Add the rows `part`, which follow those added before in time."""
+        """Add the residuals `part`, which follow those added before in time."""
         for target in np.unique(part.target_id).tolist():
             own = part.take(part.target_id == target)
             self.bearings += len(own)
@@ -89,12 +89,12 @@ class UnconfirmedBearings:
 
     @property
     def one_at_a_time(self) -> bool:
-        """Whether sensors detect targets one at a time most of the time (few bearings are confirmed)."""
+        """Return whether sensors detect targets one at a time most of the time (few bearings are confirmed)."""
         return self.confirmed < MIN_OVERLAP_SHARE * self.bearings
 
     @property
     def share(self) -> float:
-        """Share of the bearings that are rejected; NaN without any."""
+        """Return the share of the bearings that are rejected; NaN without any."""
         return ratio_or_nan(self.doubted, self.bearings)
 
 
@@ -110,22 +110,25 @@ MAX_LINE_MISFIT_RAD2 = 1.0
 
 
 class AngleConventionCheck:
-    """Checks whether bearings of stations fit better as compass angles; cameras are not checked."""
+    """Check of whether bearings of microphone arrays fit each other better as compass angles.
+
+    Cameras are not checked.
+    """
 
     def __init__(self, scene: Scene) -> None:
-        """Start with the stations of a scene and no scans."""
+        """Start with the arrays of a scene and no scans."""
         self._positions = {a.name: np.asarray(a.position[:2], dtype=np.float64) for a in scene.arrays}
         self._misfits: list[tuple[float, float]] = []
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Generate the chunks unchanged, and collect their bearings for the check."""
+        """Generate the chunks unchanged, and collect the misfits of their bearings for the check."""
         for chunk in chunks:
             if len(self._positions) > 1 and len(self._misfits) < MAX_STEPS:
                 self._check_chunk(chunk)
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
-        """Report if bearings fit each other much better as compass angles than as angles from +x towards +y."""
+        """Return the check, with a finding if bearings fit much better as compass angles than from +x towards +y."""
         if len(self._misfits) < MIN_STEPS:
             return outcome(
                 CONVENTION, (), unless=f"fewer than {MIN_STEPS} time steps have bearings of several stations"
@@ -144,6 +147,10 @@ class AngleConventionCheck:
         )
 
     def _check_chunk(self, chunk: Bearings) -> None:
+        """Collect the misfits of the time steps of a chunk in which several arrays have a bearing of one target.
+
+        Each is stored for both conventions, up to `MAX_STEPS`.
+        """
         use = chunk.seen & np.isfinite(chunk.bearing) & np.isin(chunk.sensor, list(self._positions))
         own = chunk.take(use)
         order = np.lexsort((own.target_id, own.t_ns))
@@ -158,13 +165,13 @@ class AngleConventionCheck:
 
 
 def misfit(positions: Floats, bearings: Floats) -> float:
-    """Mean square angle [rad^2] between n lines of sight and the position nearest to all of them.
+    """Return the mean square angle [rad^2] between n lines of sight and the position nearest to all of them.
 
     Each square is clipped at `MAX_LINE_MISFIT_RAD2`.
 
     Args:
         positions: (n, 2) where the lines begin, n >= 2.
-        bearings: (n,) [rad].
+        bearings: (n,) directions of the lines [rad].
     """
     across = np.column_stack([-np.sin(bearings), np.cos(bearings)])
     normal, right = across.T @ across, across.T @ np.sum(across * positions, axis=1)
@@ -180,15 +187,18 @@ MIN_SIGMA_RAD = 1e-7
 
 
 class SmallNoiseCheck:
-    """Counts bearings with an implausibly small stated standard deviation."""
+    """Check for bearings with an implausibly small stated standard deviation."""
 
     def __init__(self) -> None:
-        """Create a check that has counted no bearing."""
+        """Start with no bearing counted."""
         self._found: Counter[str] = Counter()
         self._least = np.inf
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Generate the chunks unchanged, and count bearings with tiny standard deviations."""
+        """Generate the chunks unchanged, and count their bearings with a standard deviation below `MIN_SIGMA_RAD`.
+
+        Bearings with pixels are left out, as their noise is that of the pixels.
+        """
         for chunk in chunks:
             # Of those with pixels the noise is that of the reading
             small = chunk.seen & (chunk.sigma < MIN_SIGMA_RAD) & ~np.isfinite(chunk.u_px)
@@ -198,7 +208,7 @@ class SmallNoiseCheck:
             yield chunk
 
     def checks(self) -> tuple[Check, ...]:
-        """Report if the stated noise of bearings is below that of any real sensor."""
+        """Return the check, with a finding if any stated noise is below that of any real sensor."""
         if not self._found:
             return outcome(STATED, ())
         return (
@@ -222,7 +232,7 @@ MIN_RESIDUAL_VARIANCE = 0.1
 
 
 class ResidualAngles(NamedTuple):
-    """Angles between N bearings of one sensor and the estimates, with the variances due to sensor and estimates."""
+    """Residuals of N bearings of one sensor at the estimates, with the variances due to sensor and estimates."""
 
     residual: Floats  # (N,) in standard deviations as stated
     spread: Floats  # (N,) variance of the bearing that the estimate leads one to expect, in the same units
@@ -230,7 +240,7 @@ class ResidualAngles(NamedTuple):
 
 
 class StatedResiduals(NamedTuple):
-    """Residuals of N bearings of one sensor and one target, in stated standard deviations."""
+    """Residuals of N bearings of one sensor and one target at its estimates, in stated standard deviations."""
 
     target: int
     sensor: str
@@ -240,7 +250,7 @@ class StatedResiduals(NamedTuple):
 
 
 class CandidateFrames(NamedTuple):
-    """Numbers of a sensor's candidates near no track in F frames, sorted by time."""
+    """Numbers of a sensor's unlabelled candidates in F frames, and of those near no track, sorted by time."""
 
     sensor: str
     t_ns: Ints  # (F,)
@@ -252,13 +262,15 @@ class CandidateFrames(NamedTuple):
 def bearing_residuals(
     rows: Bearings, sensor: Camera | MicrophoneArray, xy: Floats, covariance: Floats
 ) -> ResidualAngles:
-    """Residuals of N bearings of a sensor at estimated positions.
+    """Return the residuals of N bearings of a sensor at estimated positions.
+
+    Bearings with pixels have the variance of [Ercan] Eq. 2 at the estimate, the others their own.
 
     Args:
-        rows: N bearings.  Those with pixels have the variance of [Ercan] Eq. 2 at the estimate, the others their own.
-        sensor: which one.
-        xy: (N, 2) estimates at their times.
-        covariance: (N, 2, 2) of them.
+        rows: N bearings of the sensor.
+        sensor: the camera or microphone array.
+        xy: (N, 2) estimated positions at the times of the bearings.
+        covariance: (N, 2, 2) covariances of these.
     """
     away = xy - sensor.position[:2]
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
@@ -282,14 +294,17 @@ def bearing_residuals(
 
 
 class BearingConsistency:
-    """Comparison of bearings with tracks, chunk by chunk: residuals of those near a track, and counts of others."""
+    """Comparison of bearings with tracks, chunk by chunk: residuals of those near a track, and counts of others.
+
+    `stated` has the residuals of the last comparison, in stated standard deviations, by target and sensor.
+    """
 
     def __init__(self, scene: Scene, window_ns: int = 0) -> None:
         """Start the comparison with the sensors of a scene.
 
         Args:
-            scene: its sensors; arrays that are not upright are omitted, as their azimuths have errors of elevations.
-            window_ns: an estimate holds for bearings so long before it, at most.
+            scene: its sensors; arrays that are not upright are omitted, as their azimuths depend on elevations.
+            window_ns: an estimate holds for bearings at most this long before it [ns].
         """
         self._sensors: dict[str, Camera | MicrophoneArray] = {c.name: c for c in scene.cameras if c.placed}
         self._sensors |= {a.name: a for a in scene.arrays if a.upright}
@@ -300,15 +315,15 @@ class BearingConsistency:
     def compare(
         self, tracks: Tracks, bearings: Bearings, diagnostics: Diagnostics | None = None
     ) -> tuple[Residuals, tuple[CandidateFrames, ...]]:
-        """Residuals of the tracks' bearings, and the candidates near no track, for complete time steps.
+        """Return the residuals of the tracks' bearings, and the candidates near no track, for complete time steps.
 
         Of unlabelled candidates, the one nearest to the estimate counts, if it is within `GATE_SIGMAS`.
 
         Args:
             tracks: estimates in the order of time.
-            bearings: in the order of time; those without an estimate at their time are omitted, and those at an
-                estimate without a known covariance: the expected size of their residuals is unknown.
-            diagnostics: of the same estimates, say which sensors were used; None: all.
+            bearings: bearings in the order of time; those without an estimate at their time, or at an estimate of
+                unknown covariance, are omitted.
+            diagnostics: rows of the same estimates, which state the sensors used; None: all sensors.
         """
         seen = bearings.take(bearings.seen)
         paths = list(self._paths(tracks, diagnostics))
@@ -342,7 +357,9 @@ class BearingConsistency:
     def _paths(self, tracks: Tracks, diagnostics: Diagnostics | None) -> Iterator[EstimatedTrajectory]:
         """Generate the estimates of each target as a trajectory.
 
-        `diagnostics`: rows of the same estimates, for the sensors that each used; None, or of other length: unknown.
+        Args:
+            tracks: estimates in the order of time.
+            diagnostics: rows of the same estimates, for the sensors that each used; None, or of other length: unknown.
         """
         xy, covariance = np.column_stack([tracks.x, tracks.y]), covariances(tracks)
         used = None if diagnostics is None or len(diagnostics) != len(tracks) else _commas(diagnostics.cameras)
@@ -353,15 +370,14 @@ class BearingConsistency:
             )
 
     def _left(self, name: str, rows: Bearings, near: Bools) -> CandidateFrames:
-        """Count a sensor's candidates near no track, frame by frame, and remember those of the last frame.
+        """Return a sensor's numbers of candidates near no track, frame by frame; those of the last frame are stored.
+
+        For each frame there is also whether one of them continues such a candidate of the frame before.
 
         Args:
-            name: of the sensor.
-            rows: its candidates (N,), by time.
-            near: (N,) mask of those near a track.
-
-        Returns:
-            For each frame the numbers of candidates, and whether one continues a candidate of the frame before.
+            name: name of the sensor.
+            rows: N candidates of the sensor, by time.
+            near: (N,) whether a candidate is near a track.
         """
         times, first = np.unique(rows.t_ns, return_index=True)
         left, again = np.add.reduceat(~near, first, dtype=np.int64), np.zeros(len(times), dtype=np.bool_)
@@ -381,7 +397,10 @@ TURN_RATE = 0.25
 
 
 class EstimatedTrajectory(NamedTuple):
-    """Estimates of one target over time; `used` are the names of the sensors of each, None if unknown."""
+    """T estimates of one target over time, with the sensors that each used.
+
+    `used` are names with a comma before and after each, None if unknown.
+    """
 
     target: int
     t_ns: Ints  # (T,)
@@ -390,7 +409,7 @@ class EstimatedTrajectory(NamedTuple):
     used: np.ndarray | None  # (T,) names of sensors between commas; None: not known
 
     def at(self, t_ns: Ints, window_ns: int, sensor: str) -> tuple[Ints, Bools]:
-        """Return the index (N,) of the next estimate after each time, and the mask (N,) of valid ones.
+        """Return the index (N,) of the next estimate at or after each time, and whether it is valid (N,).
 
         An estimate is valid if it is not later than the window, its covariance is known, and it used the sensor.
 
@@ -408,16 +427,16 @@ class EstimatedTrajectory(NamedTuple):
 
 
 def _commas(cameras: np.ndarray) -> np.ndarray:
-    """Return lists of names (N,), separated by commas, with a comma before and after each, for exact search."""
+    """Return strings (N,) with a comma added before and after each list of names, for exact search of a name."""
     return np.strings.add(np.strings.add(",", cameras), ",")
 
 
 def _nearest(estimate: Ints, far: Floats) -> Bools:
-    """Return the mask (N,) of the nearest candidate of each estimate, if it is within the gate.
+    """Return (N,) booleans: the candidate is the nearest one of its estimate, and within the gate.
 
     Args:
         estimate: (N,) index of the estimate that each candidate is compared with.
-        far: (N,) distance from it in standard deviations.
+        far: (N,) distance from it [standard deviations].
     """
     order = np.lexsort([far, estimate])
     first = np.ones(len(order), dtype=np.bool_)
@@ -434,11 +453,11 @@ def _table(
 
     Args:
         path: estimates of the target.
-        name: of the sensor.
+        name: name of the sensor.
         i: (n,) index of the estimate of each kept bearing.
-        residuals: of all bearings (N,).
-        far: (N,) distance of each from its estimate, in standard deviations; within `GATE_SIGMAS` it is an inlier.
-        keep: (N,) mask of the n bearings that the table is of.
+        residuals: residuals of all N bearings.
+        far: (N,) distance of each from its estimate [standard deviations]; within `GATE_SIGMAS` it is an inlier.
+        keep: (N,) whether the table has the bearing; n in all.
     """
     return Residuals.of(
         t_ns=path.t_ns[i],
@@ -451,22 +470,22 @@ def _table(
 
 
 class ComparedBearings(NamedTuple):
-    """Residuals of the bearings, and counts of unassociated candidates."""
+    """Result of a comparison of bearings with tracks: residuals, and counts of candidates near no track."""
 
     residuals: Residuals
     frames: tuple[CandidateFrames, ...]
 
 
 class BearingBuffer:
-    """Buffers bearings of a stream until their estimates are available, and compares both."""
+    """Buffers the bearings of a stream until their estimates are available, and compares both."""
 
     def __init__(self, scene: Scene, window_ns: int, *, unlabelled: bool) -> None:
         """Start with an empty buffer.
 
         Args:
-            scene: see `BearingConsistency`.
-            window_ns: see `BearingConsistency`.
-            unlabelled: candidates without a label are used.
+            scene: the sensors.
+            window_ns: an estimate holds for bearings at most this long before it [ns].
+            unlabelled: candidates without a label are compared, too.
         """
         self._sight, self._unlabelled = BearingConsistency(scene, window_ns), unlabelled
         self._all = BearingConsistency(scene, window_ns)
@@ -483,7 +502,7 @@ class BearingBuffer:
 
         Args:
             tracks: next estimates, by time; without rows nothing is compared.
-            diagnostics: rows of the same estimates.
+            diagnostics: rows of the same estimates, which state the sensors used.
         """
         kept = Bearings.concat(self._kept)
         if not len(tracks):
@@ -495,7 +514,10 @@ class BearingBuffer:
 
     @property
     def stated(self) -> tuple[StatedResiduals, ...]:
-        """Residuals of the last comparison, including bearings that the method omitted."""
+        """Return the residuals of all bearings in the last comparison, including those that the method did not use.
+
+        They are by sensor, normalised by the noise stated for it.
+        """
         return tuple(self._all.stated)
 
 
@@ -504,10 +526,10 @@ class SensorConsistency:
     """Residual sums of one sensor's bearings.
 
     Attributes:
-        bearings: how many were used.
-        inliers: how many of them are more probably true than false.
-        means: squared residuals of those that an estimate does not just go through.
-        pose: what is expected of squares that errors of the sensor's pose make, which stay the same.
+        bearings: number of bearings used.
+        inliers: number of those that are more probably true than false.
+        means: squared residuals, without those of estimates that go through the bearing in any case.
+        pose: part of the expected squares that errors of the sensor's pose make, which are constant in time.
     """
 
     bearings: int = 0
@@ -517,12 +539,12 @@ class SensorConsistency:
 
     @property
     def doubted(self) -> float:
-        """Share of bearings that are rejected; NaN without any."""
+        """Return the share of bearings that are rejected; NaN without any."""
         return 1.0 - ratio_or_nan(self.inliers, self.bearings)
 
     @property
     def nis(self) -> Ratio:
-        """Normalised innovation squared, with a standard error that includes the pose error (constant in time)."""
+        """Return the normalised innovation squared, with a standard error that includes the constant pose error."""
         value, error = self.means.ratio
         share = ratio_or_nan(self.pose, self.means.expected)
         return Ratio(value, math.hypot(error, math.sqrt(2.0) * share * value) if share > 0.0 else error)
@@ -530,22 +552,22 @@ class SensorConsistency:
 
 @dataclass
 class ResidualStatistics:
-    """Accumulates residuals over a stream of tables.
+    """Sums of residuals by sensor, over a stream of tables.
 
     Attributes:
-        sensors: agreement of the bearings of each sensor, by its name.
-        noise: of each target the largest factor by which its motion's variance exceeds what was stated.
+        sensors: sums of each sensor's bearings, by its name.
+        noise: by target, the largest factor by which its motion's variance exceeds what was stated.
     """
 
     sensors: dict[str, SensorConsistency] = field(default_factory=dict)
     noise: dict[int, float] = field(default_factory=dict)
 
     def add(self, part: Residuals, poses: Mapping[str, float] | None = None) -> None:
-        """Add rows, in the order of time.
+        """Add residuals, in the order of time.
 
         Args:
-            part: residuals.
-            poses: of each sensor the share of the stated variance that errors of its pose make; None: no share.
+            part: the residuals.
+            poses: by sensor, the share of errors of its pose in the stated variance; None: 0.
         """
         for name in np.unique(part.sensor).tolist():
             own = part.take(part.sensor == name)
@@ -560,22 +582,25 @@ class ResidualStatistics:
             found.pose += (poses or {}).get(name, 0.0) * float(expected.sum())
 
     def moves(self, target: int, factor: float) -> None:
-        """Record that a target's motion has `factor` times the stated variance."""
+        """Record that the motion of `target` has `factor` times the stated variance; the largest factor is kept."""
         self.noise[target] = max(self.noise.get(target, 0.0), factor)
 
     @property
     def bearings(self) -> int:
-        """Number of bearings of all sensors."""
+        """Return the number of bearings of all sensors."""
         return sum(a.bearings for a in self.sensors.values())
 
     @property
     def doubted(self) -> float:
-        """Share of bearings that are rejected; NaN without any."""
+        """Return the share of bearings of all sensors that are rejected; NaN without any."""
         return 1.0 - ratio_or_nan(sum(a.inliers for a in self.sensors.values()), self.bearings)
 
     @property
     def nis(self) -> Ratio:
-        """Normalised innovation squared of all bearings; sensors are taken as independent."""
+        """Return the normalised innovation squared of all bearings with its standard error.
+
+        Sensors are taken as independent. NaN and inf without bearings.
+        """
         informative = [a for a in self.sensors.values() if a.means.expected > 0.0]
         expected = math.fsum(a.means.expected for a in informative)
         if not informative:
@@ -584,7 +609,10 @@ class ResidualStatistics:
         return Ratio(value, math.sqrt(math.fsum((a.nis.error * a.means.expected) ** 2 for a in informative)) / expected)
 
     def figures(self) -> dict[str, float | int]:
-        """Return the figures of a summary by name; empty if no bearing was compared."""
+        """Return the figures of a summary by name; empty if no bearing was compared.
+
+        They are the numbers of bearings and of rejected ones, and, if known, the NIS with its standard error.
+        """
         if not self.bearings:
             return {}
         whole = self.nis
@@ -596,10 +624,10 @@ class ResidualStatistics:
 
 
 def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
-    """Share of pose errors in the variance of bearings, by camera, at the median distance of the tracks.
+    """Return the share of pose errors in the variance of bearings, by camera, at the median distance of the tracks.
 
-    [Ercan] Eq. 2 on the optical axis: f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2, relative to the total with the
-    measurement noise.
+    By [Ercan] Eq. 2 on the optical axis the pose errors are f^2 sigma_yaw^2 + f^2 sigma_position^2 / d^2; the rest is
+    measurement noise. Cameras without pose errors are missing.
     """
     out: dict[str, float] = {}
     for c in scene.cameras:
@@ -610,14 +638,14 @@ def pose_shares(tracks: Tracks, scene: Scene) -> dict[str, float]:
 
 
 def pose_share(camera: Camera, distance: float) -> float:
-    """Share of the pose errors in the measurement variance of one camera at one distance ([Ercan] Eq. 2)."""
+    """Return the share of the pose errors in the variance of a camera's measurement at a `distance` ([Ercan] Eq. 2)."""
     pose = float(camera.focal_px[0]) ** 2 * (camera.sigma_yaw**2 + (camera.sigma_position / max(distance, 1e-9)) ** 2)
     return pose / (pose + camera.sigma_read_px**2)
 
 
 @dataclass
 class CandidateCounts:
-    """Counts of one sensor's candidates and of those near no track."""
+    """Counts of one sensor's frames with candidates, of the candidates, and of those near no track."""
 
     frames: int = 0
     candidates: int = 0
@@ -627,12 +655,12 @@ class CandidateCounts:
 
 @dataclass
 class UnassociatedCandidates:
-    """Accumulates the numbers of candidates near no track, by sensor."""
+    """Numbers of candidates near no track, by sensor, over a stream of frames."""
 
     sensors: dict[str, CandidateCounts] = field(default_factory=dict)
 
     def add(self, parts: Iterable[CandidateFrames]) -> None:
-        """Add the counts of further frames, each part of one sensor."""
+        """Add the counts of further frames; each part is of one sensor."""
         for part in parts:
             own = self.sensors.setdefault(part.sensor, CandidateCounts())
             own.frames += len(part.t_ns)
@@ -642,19 +670,22 @@ class UnassociatedCandidates:
 
     @property
     def frames(self) -> int:
-        """Number of frames of all sensors that have candidates."""
+        """Return the number of frames of all sensors that have candidates."""
         return sum(s.frames for s in self.sensors.values())
 
     @property
     def candidates(self) -> float:
-        """Mean number of candidates in a frame that has any; NaN without frames."""
+        """Return the mean number of candidates in a frame that has any; NaN without frames."""
         return ratio_or_nan(sum(s.candidates for s in self.sensors.values()), self.frames)
 
     @property
     def unexplained(self) -> float:
-        """Mean number of candidates in a frame that are near no track; NaN without frames."""
+        """Return the mean number of candidates near no track in a frame with candidates; NaN without frames."""
         return ratio_or_nan(sum(s.unexplained for s in self.sensors.values()), self.frames)
 
     def persistent(self, fewest: int) -> dict[str, float]:
-        """Share of frames with a persistent candidate near no track, by sensor with at least `fewest` frames."""
+        """Return the share of frames with a persistent candidate near no track, by sensor with `fewest` frames or more.
+
+        Persistent means that it was there in the frame before, too.
+        """
         return {name: s.crowded / s.frames for name, s in sorted(self.sensors.items()) if s.frames >= fewest}

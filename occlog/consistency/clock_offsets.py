@@ -27,11 +27,11 @@ ZONE_S, MAX_ZONES, MIN_EPOCH_S = 900.0, 56, 3e7
 
 
 def cause_of(offset_s: float, slack_s: float = MAX_CLOCK_ERROR_S) -> str:
-    """What sets clocks apart by an offset, in brackets after a space; empty: no known cause.
+    """Return what sets two clocks apart by an offset, as text in brackets after a space; empty: no known cause.
 
     Args:
-        offset_s: of one clock against the other [s].
-        slack_s: how far the offset may be from a known one [s].
+        offset_s: offset of one clock against the other [s].
+        slack_s: largest difference of the offset from a known one [s].
     """
     for cause, low, high in CLOCKS:
         if low - slack_s <= abs(offset_s) <= high + slack_s:
@@ -73,7 +73,14 @@ class ClockChange(NamedTuple):
 
 
 def change_of(t_s: Floats, offset_s: Floats) -> ClockChange:
-    """Step and drift of a clock by its offsets (n,) from another one at the times (n,) of that one [s]."""
+    """Return the step and drift of a clock against another one, from n offsets.
+
+    Without enough offsets, or significance, both are 0.
+
+    Args:
+        t_s: (n,) times by the other clock [s], increasing.
+        offset_s: (n,) offsets of the clock from the other one at these times [s].
+    """
     if len(t_s) < MIN_BLOCKS:
         return ClockChange(0.0, 0, 0.0)
     since_s, at = t_s - t_s[0], _split(offset_s)
@@ -90,7 +97,10 @@ def change_of(t_s: Floats, offset_s: Floats) -> ClockChange:
 
 
 def _split(offset_s: Floats) -> int:
-    """Index of the first offset after the most probable step, by least squares."""
+    """Return the index of the first offset after the most probable step.
+
+    It is the largest change next to the division into two parts of constant offset by least squares.
+    """
     n, near = len(offset_s), MIN_BLOCKS // 4
     count = np.arange(1, n)
     sums = np.cumsum(offset_s - offset_s.mean())[:-1]
@@ -101,9 +111,14 @@ def _split(offset_s: Floats) -> int:
 
 
 def _line(t_s: Floats, offset_s: Floats, at: int) -> tuple[Floats, float]:
-    """(3,) slope, constant and step of offsets at the index `at` (0: none) by least absolute differences.
+    """Return (3,) slope, constant and step of offsets, fitted by least absolute differences, and their deviation.
 
-    The second value is their standard deviation.
+    The deviation is a robust standard deviation of the offsets from the line [s].
+
+    Args:
+        t_s: (n,) times [s].
+        offset_s: (n,) offsets [s].
+        at: index of the first offset after the step; 0: no step.
     """
     design = np.column_stack([t_s, np.ones(len(t_s)), np.arange(len(t_s)) >= at])[:, : 3 if at else 2]
     line, off = np.zeros(3), np.ones(len(t_s))
@@ -115,7 +130,10 @@ def _line(t_s: Floats, offset_s: Floats, at: int) -> tuple[Floats, float]:
 
 
 def _significant_drift(t_s: Floats, offset_s: Floats, at: int) -> float:
-    """Slope of offsets with a step at the index `at` (0: none); 0: it is not significant, or not even."""
+    """Return the slope of offsets with a step at the index `at` (0: none) [s/s]; 0 if insignificant or uneven.
+
+    `t_s` and `offset_s` (n,) are times and offsets [s].
+    """
     line, sigma = _line(t_s, offset_s, at)
     total = abs(line[0]) * t_s[-1]
     if total < max(MIN_DRIFT_S, MIN_DRIFT_SIGMAS * sigma):
@@ -127,13 +145,13 @@ def _significant_drift(t_s: Floats, offset_s: Floats, at: int) -> float:
 
 
 class _Block(NamedTuple):
-    """Successive times by a clock, and those of their reception.
+    """A run of successive times by a clock with their times of reception, summarised.
 
     Attributes:
-        received_ns: first time of reception.
-        delay_ns: least delay of reception.
-        change_ns: largest change of the delay from one time to the next, by size.
-        before_ns, after_ns: times of reception before and after it.
+        received_ns: first time of reception [ns].
+        delay_ns: least delay of reception [ns].
+        change_ns: the change of the delay from one time to the next that is largest in size [ns].
+        before_ns, after_ns: times of reception before and after that change [ns].
     """
 
     received_ns: int
@@ -143,7 +161,7 @@ class _Block(NamedTuple):
     after_ns: int
 
     def joined(self, other: _Block) -> _Block:
-        """Both blocks as one."""
+        """Return this block and the next one, `other`, as one."""
         largest = max(self, other, key=lambda block: abs(block.change_ns))
         return largest._replace(received_ns=self.received_ns, delay_ns=min(self.delay_ns, other.delay_ns))
 
@@ -165,7 +183,7 @@ class ReceivedChange(NamedTuple):
 
 
 class ReceivedTimes:
-    """Times by a clock against those of reception, in bounded memory.
+    """Times by a clock against those of reception, in bounded memory (at most `MAX_BLOCKS` blocks).
 
     A recorder that stalls delays what it receives for a while; the least delay of each block is not affected by it.
     """
@@ -177,7 +195,7 @@ class ReceivedTimes:
         self._last: tuple[int, int] | None = None  # time by the clock, and delay
 
     def add(self, t_ns: int, received_ns: int) -> None:
-        """Add a time by the clock and that of its reception [ns]; one that repeats does not count."""
+        """Add a time by the clock and that of its reception [ns]; a time that repeats the last one does not count."""
         if self._last is not None and t_ns == self._last[0]:
             return
         delay = received_ns - t_ns
@@ -198,13 +216,16 @@ class ReceivedTimes:
 
     @property
     def range_s(self) -> tuple[float, float]:
-        """Range of the least delays of blocks [s], without the `STALLED` share at each end; (0, 0) without any."""
+        """Return the range of the least delays of blocks [s], without the `STALLED` share at each end.
+
+        (0, 0) without times.
+        """
         delays = np.array([block.delay_ns for block in self._blocks] or [0]) / NS
         low, high = np.quantile(delays, [STALLED, 1.0 - STALLED]).tolist()
         return low, high
 
     def change(self) -> ReceivedChange:
-        """How the clock changes against the times of reception."""
+        """Return the step and drift of the clock against the times of reception; 0 where there is none."""
         if not self._blocks:
             return ReceivedChange(0.0, 0, 0.0, by_recorder=False)
         first = self._blocks[0]

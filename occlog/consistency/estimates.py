@@ -61,11 +61,11 @@ RESTART_FALLBACKS = ("restart", "gap")
 
 
 def near_edge(xy: Floats, covariance: Floats, region: Floats) -> Bools:
-    """(N,) mask of estimates at the edge of a region, or outside of it.
+    """Return (N,) booleans: the estimate is at the edge of a region (within 2 standard deviations), or outside of it.
 
     Args:
-        xy: (N, 2) estimates.
-        covariance: (N, 2, 2) of them.
+        xy: (N, 2) estimated positions.
+        covariance: (N, 2, 2) covariances of these.
         region: (K, 2) convex polygon, counter-clockwise.
     """
     edge = np.roll(region, -1, axis=0) - region
@@ -76,15 +76,17 @@ def near_edge(xy: Floats, covariance: Floats, region: Floats) -> Bools:
 
 
 def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov: float, reach: float) -> Bools:
-    """(N,) mask of estimates clearly outside a sensor's field of view or beyond its range.
+    """Return (N,) booleans: the estimate is clearly outside a sensor's field of view or beyond its range.
+
+    Clearly means by more than 3 standard deviations.
 
     Args:
-        xy: (N, 2) estimates.
-        covariance: (N, 2, 2) of them.
-        origin: (2,) where the sensor stands.
+        xy: (N, 2) estimated positions.
+        covariance: (N, 2, 2) covariances of these.
+        origin: (2,) position of the sensor.
         yaw: azimuth of its axis [rad].
-        fov: its full field of view [rad]; from 2 pi on it sees all around.
-        reach: greatest distance; may be infinite.
+        fov: full field of view [rad]; from 2 pi on it sees all around.
+        reach: greatest distance [length]; may be infinite.
     """
     away = xy - origin
     r = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-12)
@@ -99,17 +101,17 @@ def outside_view(xy: Floats, covariance: Floats, origin: Floats, yaw: float, fov
 
 
 def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float) -> Floats:
-    """(2, 2) covariance of an estimate with unknown distance from a single sensor.
+    """Return the (2, 2) covariance of an estimate whose distance from a single sensor is unknown.
 
     Along the line of sight it is the second moment, about the estimate, of a uniform prior from the sensor to its
     maximum range: the bearings of one sensor hardly determine the distance, and a small filter covariance there results
     from settings of motion and noise.
 
     Args:
-        xy: (2,) estimate.
-        covariance: (2, 2) of it; never made smaller.
-        origin: (2,) where the sensor stands.
-        far: how far it sees.
+        xy: (2,) estimated position.
+        covariance: (2, 2) covariance of the filter; the result is not smaller.
+        origin: (2,) position of the sensor.
+        far: maximum range of the sensor [length].
     """
     away = xy - origin
     r = float(np.hypot(*away))
@@ -119,12 +121,12 @@ def without_distance(xy: Floats, covariance: Floats, origin: Floats, far: float)
 
 
 def covariances(tracks: Tracks) -> Floats:
-    """Return the position covariances (N, 2, 2) of the rows of a table."""
+    """Return the position covariances (N, 2, 2) of the rows of `tracks`."""
     return np.stack([tracks.cov_xx, tracks.cov_xy, tracks.cov_xy, tracks.cov_yy], axis=1).reshape(-1, 2, 2)
 
 
 class RivalTrajectory(NamedTuple):
-    """Another trajectory nearly as probable as the reported one."""
+    """Another trajectory of a target nearly as probable as the reported one, and where the two differ."""
 
     excess: float  # by how much its negative log posterior is higher
     rows: int  # states at which it is significantly elsewhere
@@ -135,7 +137,7 @@ class RivalTrajectory(NamedTuple):
 
 
 class DetectionHistory(NamedTuple):
-    """Times of a target's detections, and the sensors that made them."""
+    """Which sensors detected a target when, since its filter began or two sensors last detected it at once."""
 
     begun_ns: int  # when the filter began
     last_ns: dict[str, int]  # by sensor, since two of them saw it at once
@@ -151,12 +153,12 @@ class QualityFlags:
         """Start without rows.
 
         Args:
-            scene: the sensors.
-            online: estimates do not know what comes after them: one sensor alone raises a flag, and so does a guessed
-                region.
-            started: the settings say where the target was initially.
+            scene: the sensors, and the region if there is no room.
+            online: estimates use no later measurements: then a single sensor, and an edge of a guessed region, are
+                flagged.
+            started: the settings state where the target was initially.
             distances: stations measure distances, too, so that one sensor alone may determine a position.
-            occluders: moving occluders are known, so that misses are no doubt.
+            occluders: moving occluders are known, so that missed detections are not flagged.
         """
         self._distances = distances
         self._scene, self._online, self._started = scene, online, started
@@ -168,9 +170,9 @@ class QualityFlags:
         self._misses = None if occluders or distances else PlainViewMisses(scene)
 
     def judged(self, tracks: Tracks, diagnostics: Diagnostics) -> tuple[Tracks, Diagnostics]:
-        """Return the rows with quality flags, and with wider covariances where the distance is unknown.
+        """Return copies of the rows with quality flags, and with wider covariances where the distance is unknown.
 
-        `diagnostics` are of the same estimates as `tracks`; both are copied.
+        `diagnostics` are rows of the same estimates as `tracks`.
         """
         if not len(tracks):
             return tracks, diagnostics
@@ -197,11 +199,11 @@ class QualityFlags:
         return tracks, Diagnostics(**(columns | {"quality_flags": np.array(doubt, dtype=np.str_)}))
 
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
-        """Return the mask (N,) of estimates that at least half of the sensors that detected the target cannot see.
+        """Return (N,) booleans: at least half of the sensors that detected the target cannot see the estimate.
 
         Args:
-            xy: (N, 2) estimates.
-            covariance: (N, 2, 2) of them.
+            xy: (N, 2) estimated positions.
+            covariance: (N, 2, 2) covariances of these.
             by: names of the sensors that detected the target, for each estimate.
         """
         saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
@@ -214,15 +216,15 @@ class QualityFlags:
         return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
-        """Return tracks and covariances (N, 2, 2), with `without_distance` applied to the rows `lone` (row: sensor).
+        """Return tracks and covariances (N, 2, 2), widened in the rows whose distance from a single sensor is unknown.
 
-        Not in a scene with a room: its walls limit the distance. `covariance` is changed in place.
+        Nothing is changed in a scene with a room, as its walls limit the distance.
 
         Args:
             tracks: N estimates.
-            xy: (N, 2) of them.
-            covariance: (N, 2, 2) of them.
-            lone: name of the only sensor that detected the target, by row.
+            xy: (N, 2) their positions.
+            covariance: (N, 2, 2) their covariances; changed in place.
+            lone: name of the only sensor that has detected the target, by row.
         """
         if self._views is None or not lone:
             return tracks, covariance
@@ -234,9 +236,14 @@ class QualityFlags:
         return Tracks(**{name: np.ascontiguousarray(values) for name, values in columns.items()}), covariance
 
     def _alone(self, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> tuple[Bools, dict[int, str]]:
-        """(N,) mask of targets detected by a single sensor for a long time; rows without a known distance.
+        """Return (N,) booleans: a single sensor has detected the target for long; and rows without a known distance.
 
-        The second result maps row numbers to the name of the sensor.
+        The second result is a dict from such rows, of targets that two sensors have never detected at once, to the name
+        of the sensor. The detection histories are updated.
+
+        Args:
+            diagnostics: N rows in the order of time.
+            by: names of the sensors that detected the target, for each row.
         """
         alone = np.zeros(len(by), dtype=np.bool_)
         lone: dict[int, str] = {}
@@ -263,13 +270,16 @@ class QualityFlags:
 
 
 class PlainViewMisses:
-    """Counts how often cameras with an unoccluded view of a target missed it since any sensor detected it."""
+    """Counts how often cameras with an unoccluded view of a target missed it since any sensor detected it.
+
+    It also learns each camera's probability of detection, from targets that another sensor detects.
+    """
 
     def __init__(self, scene: Scene) -> None:
         """Start without rows.
 
         Args:
-            scene: cameras, walls and occluders; what moves hides nothing here.
+            scene: cameras, walls and static occluders.
         """
         self._cameras = [c for c in scene.cameras if c.placed]
         self._walls = {c.name: scene.blockers(c.ground) for c in self._cameras}
@@ -278,12 +288,12 @@ class PlainViewMisses:
         self._log_odds: dict[int, tuple[float, frozenset[str]]] = {}  # of each target's misses, by which cameras
 
     def denied(self, xy: Floats, diagnostics: Diagnostics, by: list[tuple[str, ...]]) -> Bools:
-        """(N,) mask of targets missed by all cameras with an unoccluded view for longer than chance allows.
+        """Return (N,) booleans: cameras with an unoccluded view have missed the target more often than chance allows.
 
         Args:
-            xy: (N, 2) estimates.
-            diagnostics: of the same rows.
-            by: names of the sensors that detected the target, of each row.
+            xy: (N, 2) estimated positions.
+            diagnostics: N rows, of which the column `cameras` has the sensors used.
+            by: names of the sensors that detected the target, for each row.
         """
         count = np.array([len(names) for names in by], dtype=np.int64)
         in_view: dict[str, Bools] = {}
@@ -316,7 +326,10 @@ class PlainViewMisses:
         return out
 
     def _plain(self, xy: Floats, camera: Camera) -> Bools:
-        """Return the mask (N,) of positions `xy` (N, 2) in view and range of a camera, not behind static occluders."""
+        """Return (N,) booleans: position `xy` (N, 2) is in view and range of a camera, with no wall between.
+
+        Walls are the scene's walls and static occluders.
+        """
         away = xy - camera.ground
         off = np.abs(wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - camera.yaw))
         seen = (off <= 0.5 * camera.fov) & (np.hypot(away[:, 0], away[:, 1]) <= camera.range)
@@ -332,14 +345,21 @@ MIN_REJECTED_BEARINGS = 5
 
 
 class SensorDisagreement:
-    """Sets the flag `inconsistent_sensor` of a run's rows, chunk by chunk, from recent residuals."""
+    """Sets the flag `inconsistent_sensor` of a run's rows, chunk by chunk, from the residuals of the last second."""
 
     def __init__(self) -> None:
-        """Create a check without residuals."""
+        """Start without residuals."""
         self._kept: list[Residuals] = []
 
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
-        """Diagnostics of the next rows with the flag set, given the residuals at these rows."""
+        """Return the diagnostics of the next rows, with the flag `inconsistent_sensor` set where a sensor contradicts.
+
+        A sensor contradicts where most of its bearings of the target in the last second are rejected.
+
+        Args:
+            diagnostics: rows in the order of time.
+            residuals: residuals of bearings at these rows.
+        """
         known = Residuals.concat([*self._kept, residuals])
         if not len(diagnostics):
             self._kept = [known]
@@ -354,7 +374,7 @@ class SensorDisagreement:
 
 
 def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
-    """Return diagnostics with a quality flag added where the mask `rows` (N,) is True."""
+    """Return diagnostics with the quality flag `flag` added where the mask `rows` (N,) is True."""
     if not rows.any():
         return diagnostics
     every = diagnostics.quality_flags.astype(object)
@@ -363,11 +383,11 @@ def flagged(diagnostics: Diagnostics, rows: Bools, flag: str) -> Diagnostics:
 
 
 def _against(t_ns: Ints, residuals: Residuals) -> Bools:
-    """Return the mask (N,) of times at which some sensor's recent bearings to one target were mostly rejected.
+    """Return (N,) booleans: most of some sensor's recent bearings of one target were rejected.
 
     Args:
         t_ns: (N,) times [ns]; recent is the `WINDOW_NS` before each.
-        residuals: of the target, by time.
+        residuals: residuals of the target's bearings, by time.
     """
     out = np.zeros(len(t_ns), dtype=np.bool_)
     for name in np.unique(residuals.sensor).tolist():
@@ -387,16 +407,16 @@ DECADES = 8
 
 
 class EffectiveSampleSizes:
-    """Histogram of effective sample sizes, in logarithmic bins."""
+    """Histogram of effective sample sizes in logarithmic bins; `few` counts those below the minimum."""
 
     def __init__(self) -> None:
-        """Create an empty histogram of effective sample sizes."""
+        """Start without rows."""
         self.rows = self.few = 0
         self._sum = 0.0
         self._counts = np.zeros(BINS * DECADES + 1, dtype=np.int64)
 
     def add(self, ess: Floats) -> None:
-        """Add effective sample sizes `ess` (n,); NaN (no particles) is left out."""
+        """Add effective sample sizes `ess` (n,); NaN (a method without particles) is left out."""
         ess = ess[np.isfinite(ess)]
         self.rows += len(ess)
         self.few += int(np.count_nonzero(ess < MIN_EFFECTIVE_SAMPLE_SIZE))
@@ -406,12 +426,12 @@ class EffectiveSampleSizes:
 
     @property
     def mean(self) -> float:
-        """Mean effective sample size of all rows; NaN without rows."""
+        """Return the mean effective sample size of all rows; NaN without rows."""
         return self._sum / self.rows if self.rows else math.nan
 
     @property
     def median(self) -> float:
-        """Median effective sample size, to 2 %; NaN without rows."""
+        """Return the median effective sample size, to 2 %; NaN without rows."""
         if not self.rows:
             return math.nan
         middle = int(np.searchsorted(np.cumsum(self._counts), 0.5 * self.rows))
@@ -437,7 +457,7 @@ MIN_SHARE = 1e-9
 
 
 class BearingIntersection(NamedTuple):
-    """Least-squares intersections of the accepted bearings of M rows, with their ellipses."""
+    """Least-squares intersections of the accepted bearings of M rows of tracks, with points of their error ellipses."""
 
     row: Ints  # (M,) rows of the tracks
     xy: Floats  # (M, 2)
@@ -446,13 +466,13 @@ class BearingIntersection(NamedTuple):
 
 @dataclass
 class PositionConsistency:
-    """Counts rows with bearings that intersect where the scene excludes the target.
+    """Counts rows of tracks with bearings that intersect where the scene excludes the target.
 
     Attributes:
-        rows: rows with bearings of two sensors or more that meet.
-        outside: rows that meet clearly outside the room.
-        hidden: by camera, rows in which it saw the target, and how many of them meet clearly behind a wall for it;
-            microphone arrays hear past walls.
+        rows: rows with bearings of two sensors or more that intersect.
+        outside: rows with an intersection clearly outside the room.
+        hidden: by camera, rows in which it detected the target, and how many of these intersect clearly behind a wall
+            for it; microphone arrays hear past walls.
     """
 
     rows: int = 0
@@ -464,7 +484,7 @@ class PositionConsistency:
 
         Args:
             tracks: estimates.
-            residuals: of the bearings to them; probably false ones are left out.
+            residuals: residuals of bearings at them; probably false ones are left out.
             scene: sensors, room and walls; without room and walls nothing is counted.
         """
         sensors: dict[str, Floats] = {c.name: c.position[:2] for c in scene.cameras}
@@ -490,12 +510,12 @@ class PositionConsistency:
 
 
 def triangulate_rows(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> BearingIntersection:
-    """Least-squares position from the bearings of each row of tracks with at least two non-parallel lines of sight.
+    """Return least-squares positions from the bearings of each row of tracks with two non-parallel lines of sight.
 
     Args:
         tracks: estimates, from which the search begins.
-        used: N residuals at them.
-        row: (N,) their rows.
+        used: N residuals of bearings at them.
+        row: (N,) row of the tracks of each residual.
         origin: (N, 2) positions of their sensors.
     """
     start = np.column_stack([tracks.x, tracks.y])
@@ -538,8 +558,8 @@ def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -
     on sigma.
 
     Args:
-        xy: (N, 2) estimates.
-        covariance: (N, 2, 2) of them, P.
+        xy: (N, 2) estimated positions.
+        covariance: (N, 2, 2) covariances P of these.
         origin: (2,) or (N, 2) position of the sensor.
         used: N residuals.
     """
@@ -554,7 +574,7 @@ def _bearings(xy: Floats, covariance: Floats, origin: Floats, used: Residuals) -
 
 
 def _rows(tracks: Tracks, used: Residuals) -> Ints:
-    """(N,) index of the row of the tracks of each residual."""
+    """Return (N,) indices of the rows of `tracks` to which the residuals `used` belong, by target and time."""
     order = np.lexsort((tracks.t_ns, tracks.target_id))
     row = np.empty(len(used), dtype=np.int64)
     for target in np.unique(used.target_id).tolist():
@@ -565,16 +585,16 @@ def _rows(tracks: Tracks, used: Residuals) -> Ints:
 
 
 def _in_sight(origin: Floats, walls: Sequence[Floats], xy: Floats) -> Bools:
-    """Return the mask (N,) of positions `xy` (N, 2) that no wall (polygon) hides from the origin (2,)."""
+    """Return (N,) booleans: no wall (polygons `walls`) hides position `xy` (N, 2) from the `origin` (2,)."""
     return np.asarray(~behind_walls(origin, xy, walls))
 
 
 def _anywhere(met: BearingIntersection, test: Callable[[Floats], Bools]) -> Bools:
-    """Return whether (M,) a test of positions holds at the intersection or anywhere on its error ellipse.
+    """Return (M,) booleans: a test of positions holds at the intersection or anywhere on its error ellipse.
 
     Args:
         met: M intersections.
-        test: function of positions (n, 2) that returns a mask (n,).
+        test: takes positions (n, 2), and returns (n,) booleans.
     """
     points = np.concatenate([met.xy[:, None], met.border], axis=1)
     return np.asarray(test(np.ascontiguousarray(points.reshape(-1, 2))).reshape(points.shape[:2]).any(axis=1))

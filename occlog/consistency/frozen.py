@@ -28,9 +28,9 @@ class FrozenFrames(NamedTuple):
 
 @dataclass
 class _CameraRuns:
-    """Run state of one camera.
+    """State of one camera: content of its last frame, the current run of identical frames, and earlier long runs.
 
-    Content of the last frame, the current run of identical frames, and earlier long runs.
+    `first_ns` and `last_ns` are the times of its first and last frame [ns].
     """
 
     first_ns: int
@@ -44,11 +44,14 @@ class FrozenCameras:
     """Finds runs of identical frames of each camera; frames of a camera are added in the order of time."""
 
     def __init__(self) -> None:
-        """Create a check that has seen no frame."""
+        """Start without frames."""
         self._cameras: dict[str, _CameraRuns] = {}
 
     def add(self, camera: str, t_ns: int, content: Hashable) -> None:
-        """Add a camera's next frame; `content` is equal for frames with equal pictures or boxes, None if empty."""
+        """Add the next frame of a camera at time `t_ns` [ns].
+
+        `content` is equal for frames with equal pictures or boxes, None if the frame is empty.
+        """
         known = self._cameras.setdefault(camera, _CameraRuns(t_ns, t_ns))
         if known.run is not None and content is not None and content == known.content:
             known.run = known.run._replace(last_ns=t_ns, frames=known.run.frames + 1)
@@ -58,7 +61,7 @@ class FrozenCameras:
         known.last_ns = t_ns
 
     def add_boxes(self, boxes: Boxes) -> None:
-        """Add the boxes of complete frames, in the order of time."""
+        """Add the boxes of complete frames, in the order of time; frames are equal if number and sums of boxes are."""
         for name in np.unique(boxes.sensor).tolist():
             own = boxes.take(np.flatnonzero(boxes.sensor == name))
             first = np.flatnonzero(np.diff(own.t_ns, prepend=-1) != 0)
@@ -69,7 +72,7 @@ class FrozenCameras:
                 self.add(name, t_ns, (count, *values) if values[0] == values[0] else None)
 
     def found(self) -> Iterator[FrozenFrames]:
-        """Longest run of each camera that is frozen while another camera is not."""
+        """Generate the longest run of each camera that is frozen while another camera is not."""
         for known in self._cameras.values():
             self._end(known)
         for name, known in sorted(self._cameras.items()):
@@ -78,7 +81,7 @@ class FrozenCameras:
                 yield max(runs, key=lambda run: run.last_ns - run.first_ns)
 
     def _moves(self, camera: str, run: FrozenFrames) -> bool:
-        """Whether a camera has frames during the run of another camera, most of which differ from each other."""
+        """Return whether `camera` has frames during the run of another camera, most of which differ from each other."""
         other = self._cameras[camera]
         common = min(run.last_ns, other.last_ns) - max(run.first_ns, other.first_ns)
         still = sum(max(min(run.last_ns, o.last_ns) - max(run.first_ns, o.first_ns), 0) for o in other.runs)

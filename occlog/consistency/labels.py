@@ -25,7 +25,11 @@ MAX_MOTION_FACTOR = 1.45
 
 
 class MotionCheck(NamedTuple):
-    """Noise of a method's motion model compared with that by which label continuity is checked."""
+    """Noise of a method's motion model compared with that by which label continuity is checked.
+
+    `setting` is the name of the setting that states it; `ratio` the variance of the method's motion over that of the
+    labels.
+    """
 
     setting: str  # that states how irregularly targets move
     ratio: float  # variance of the method's motion, over that of the labels
@@ -35,12 +39,12 @@ class MotionCheck(NamedTuple):
 def motion_checks(
     events: LabelEvents | None, motion: MotionCheck | None, rows: int, unless: str = ""
 ) -> tuple[Check, ...]:
-    """Check whether targets move as the method's motion model states, from the innovations of labelled bearings.
+    """Return the check of whether targets move as the method's motion model states, by labelled bearings.
 
     Args:
-        events: what was found of the labels; None: they were not followed.
-        motion: the method's; None: it has none, or judges it itself.
-        rows: estimates.
+        events: findings about the labels; None: they were not followed.
+        motion: noise of the method's motion; None: it has none, or judges it itself, and there is no check.
+        rows: number of estimates.
         unless: why the check does not apply; empty: it applies.
     """
     if motion is None:
@@ -77,12 +81,12 @@ def flag_labels(diagnostics: Diagnostics, events: LabelEvents) -> Diagnostics:
 
 
 def label_checks(events: LabelEvents | None, unit: str, rows: int = 0) -> tuple[Check, ...]:
-    """Findings about labels that contradict the continuity of motion.
+    """Return the checks of labels that contradict the continuity of motion, with their findings.
 
     Args:
-        events: what was found; None: labels were not followed.
-        unit: of lengths.
-        rows: estimates of a method that cannot reject false bearings; 0: the method does so.
+        events: findings about the labels; None: labels were not followed.
+        unit: unit of lengths.
+        rows: number of estimates of a method that cannot reject false bearings; 0: the method does so.
     """
     unless = "" if events is not None and events.labels else "no bearing has a label"
     found = outcome(CONTINUITY, () if events is None else _findings(events, unit), unless=unless)

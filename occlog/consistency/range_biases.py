@@ -44,7 +44,10 @@ MAX_STATIONS = 40
 
 
 class RangeBias(NamedTuple):
-    """Constant error of the ranges of a station."""
+    """Constant error of the ranges of a station [length], with its standard error and the size that matters.
+
+    The size is above 0 for ranges that are too long.
+    """
 
     station: str
     size: float  # by how much they are too long
@@ -53,7 +56,7 @@ class RangeBias(NamedTuple):
 
 
 class BlockSums(NamedTuple):
-    """Normal equations summed over a block of windows."""
+    """Normal equations of the errors of S stations, summed over a block of windows."""
 
     normal: Floats  # (S, S)
     right: Floats  # (S,)
@@ -64,14 +67,14 @@ class BlockSums(NamedTuple):
 
 
 class RangeBiases:
-    """Accumulates normal equations of the errors of all stations, chunk by chunk."""
+    """Normal equations of the constant range errors of all stations, accumulated chunk by chunk."""
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
         """Start without residuals.
 
         Args:
-            scene: its cameras and arrays.
-            names: of the stations, as measurements number them.
+            scene: cameras and microphone arrays.
+            names: names of the stations, in the order in which measurements number them.
         """
         self._names = names
         self._origin = {c.name: c.position[:2] for c in scene.cameras}
@@ -84,12 +87,12 @@ class RangeBiases:
     def add(
         self, tracks: Tracks, stated: Sequence[StatedResiduals], measured: Sequence[tuple[int, ScanMeasurements]]
     ) -> None:
-        """Add the residuals at more estimates, in the order of time.
+        """Add the residuals at further estimates, in the order of time.
 
         Args:
             tracks: estimates.
             stated: residuals of bearings at them.
-            measured: times [ns] and measurements up to the last of them.
+            measured: times [ns] and measurements of distances up to the last of them.
         """
         if not measured:
             return
@@ -126,17 +129,20 @@ class RangeBiases:
                 self._add_window(window)
 
     def _columns_of(self, station: Ints) -> Floats:
-        """Return the column (N,) of each station in the normal equations; -1 after `MAX_STATIONS` stations."""
+        """Return (N,) columns of stations in the normal equations; -1 for stations beyond the first `MAX_STATIONS`.
+
+        `station` (N,) are numbers of stations; new ones get the next column.
+        """
         for number in np.unique(station).tolist():
             if number not in self._column and len(self._column) < MAX_STATIONS:
                 self._column[number] = len(self._column)
         return np.array([float(self._column.get(number, -1)) for number in station.tolist()])
 
     def _add_window(self, rows: Floats) -> None:
-        """Add N measurements of one target in one window.
+        """Add N measurements of one target in one window, with its position and velocity eliminated.
 
         Args:
-            rows: (N, 6) seconds, residual and its gradient by x and y in standard deviations, the standard deviation,
+            rows: (N, 6) time [s], residual and its gradient by x and y in standard deviations, the standard deviation,
                 and the column of the station; -1: not a range.
         """
         column = rows[:, 5].astype(np.int64)
@@ -161,7 +167,7 @@ class RangeBiases:
             self._blocks = [a.plus(b) for a, b in zip(self._blocks[::2], self._blocks[1::2], strict=True)]
 
     def found(self) -> list[RangeBias]:
-        """Significant errors that exceed the reporting threshold, in the order of the stations."""
+        """Return the significant errors that are large enough to matter, in the order of the stations."""
         S, K = len(self._column), len(self._blocks)
         if max(MIN_BLOCKS, S + 2) > K or self._freedom - S < MIN_FREEDOM:
             return []
@@ -181,10 +187,10 @@ class RangeBiases:
         return [RangeBias(names[s], *(column[s] for column in figures)) for s in sorted(names) if large[s]]
 
     def checks(self, unit: str, *, estimated: bool = False) -> tuple[Check, ...]:
-        """Report stations with ranges that are too long or too short.
+        """Return the check of constant range errors, with a finding for each station with ranges too long or too short.
 
         Args:
-            unit: of lengths.
+            unit: unit of lengths.
             estimated: the method has estimated and removed these errors.
         """
         if estimated:
@@ -193,6 +199,7 @@ class RangeBiases:
         return outcome(RANGE_BIASES, self._findings(unit), unless=few)
 
     def _findings(self, unit: str) -> Iterator[Check]:
+        """Generate a finding for each significant error; lengths are in `unit`."""
         for one in self.found():
             yield finding(
                 RANGE_BIASES,
@@ -207,7 +214,10 @@ class RangeBiases:
 
 
 def _usable(station: Ints, residual: Floats) -> Bools:
-    """Return the mask (N,) of inliers: residuals (N,) near the median of those of their station (N,)."""
+    """Return (N,) booleans: the residual is near the median of those of its station; others are false measurements.
+
+    `station` (N,) are numbers of stations, `residual` (N,) in standard deviations.
+    """
     keep = np.ones(len(residual), dtype=np.bool_)
     for number in np.unique(station).tolist():
         own = station == number

@@ -58,15 +58,15 @@ TURNED, LATE = 0, 1
 
 
 class SensorError(NamedTuple):
-    """A systematic error of a sensor.
+    """A systematic error of a sensor: of its yaw or of its clock.
 
     Attributes:
-        sensor: name.
-        kind: `TURNED` or `LATE`.
-        size: of the bearings [rad], or how late the clock is [s].
+        sensor: name of the sensor.
+        kind: `TURNED` (yaw) or `LATE` (clock).
+        size: error of the bearings [rad], or how late the clock is [s].
         error: standard error of the size.
-        noise: size at which it is as large as the standard deviation of a bearing.
-        rivals: names of sensors and kinds that may be the true ones instead.
+        noise: size from which the error matters, relative to the noise of a bearing.
+        rivals: (sensor, kind) of errors that may be the true ones instead.
     """
 
     sensor: str
@@ -78,13 +78,13 @@ class SensorError(NamedTuple):
 
 
 class SystematicErrors:
-    """Accumulates normal equations of the errors of all sensors, chunk by chunk."""
+    """Normal equations of the yaw and clock errors of all sensors, accumulated chunk by chunk."""
 
     def __init__(self, scene: Scene) -> None:
         """Start without residuals.
 
         Args:
-            scene: its sensors; a sensor alone, and arrays that are not upright, are not judged.
+            scene: its sensors; a single sensor, and arrays that are not upright, are not judged.
         """
         sensors: list[Camera | MicrophoneArray] = [c for c in scene.cameras if c.placed]
         sensors += [a for a in scene.arrays if a.upright]
@@ -111,7 +111,7 @@ class SystematicErrors:
                 self._add_target(tracks.take(of), [self._usable(one) for one in parts if len(one.residual)])
 
     def _usable(self, one: StatedResiduals) -> StatedResiduals:
-        """Return a copy without outliers and without bearings of very large standard deviation."""
+        """Return a copy of the residuals without outliers and without bearings of very large standard deviation."""
         size = np.abs(one.residual)
         use = (size <= MAX_RESIDUAL * max(float(np.median(size)), MEDIAN)) & (one.sigma <= MAX_SIGMA_RAD)
         return one._replace(t_ns=one.t_ns[use], residual=one.residual[use], sigma=one.sigma[use])
@@ -143,10 +143,10 @@ class SystematicErrors:
                 self._add_window(window)
 
     def _add_window(self, rows: Floats) -> None:
-        """Add N bearings of one target in one window.
+        """Add N bearings of one target in one window, with its position and velocity eliminated.
 
         Args:
-            rows: (N, 8) seconds, number of the sensor, residual, its gradient by x and y, its derivative by the
+            rows: (N, 8) time [s], number of the sensor, residual, its gradient by x and y, its derivative by the
                 lateness of the clock [1/s] (all in standard deviations), the standard deviation [rad] and 1 / r^2.
         """
         names, at = np.unique(rows[:, 1].astype(np.int64), return_inverse=True)
@@ -175,7 +175,10 @@ class SystematicErrors:
         self._freedom += len(rows) - u.shape[1]
 
     def found(self) -> list[SensorError]:
-        """Significant errors that exceed the reporting threshold, by forward selection: the most significant first."""
+        """Return the significant errors that are large enough to matter, the most significant first.
+
+        They are selected one after the other, each given those before (forward selection), `MAX_FOUND` at most.
+        """
         S = len(self._sensors)
         out: list[SensorError] = []
         if self._freedom < MIN_FREEDOM:
@@ -198,13 +201,13 @@ class SystematicErrors:
         return out
 
     def _sizes(self, taken: Bools, noise: float) -> tuple[Floats, Floats]:
-        """Return the sizes (2 S,) and standard errors (2 S,) of the candidate errors of S sensors.
+        """Return sizes (2 S,) and standard errors (2 S,) of the possible errors of S sensors: S yaws, then S clocks.
 
-        Each is estimated jointly with the selected ones. Both are 0 for selected errors, and for those that the
-        data do not determine.
+        Each is estimated jointly with the errors selected. Both are 0 for selected errors, and for those that the data
+        do not determine.
 
         Args:
-            taken: (2 S,) mask of the selected errors.
+            taken: (2 S,) whether an error is selected.
             noise: least variance factor of the residuals.
         """
         size, error = np.zeros(len(taken)), np.zeros(len(taken))
@@ -225,7 +228,10 @@ class SystematicErrors:
         return size, error
 
     def _limit(self, k: int) -> float:
-        """Return the smallest size of error k to report, by the noise of the sensor's bearings and its pose errors."""
+        """Return the smallest size of error number `k` to report, by the noise of the sensor's bearings and pose.
+
+        Numbers 0 to S - 1 are the yaws of the S sensors, S to 2 S - 1 their clocks.
+        """
         S = len(self._sensors)
         n, sensor = k % S, list(self._sensors.values())[k % S]
         # Root mean square of the error's column: what a unit of it is in standard deviations
@@ -237,11 +243,12 @@ class SystematicErrors:
         return limit
 
     def checks(self) -> tuple[Check, ...]:
-        """Report sensors with a yaw error or a clock delay."""
+        """Return the check of systematic errors, with a finding for each sensor with a yaw error or a late clock."""
         few = "too few bearings of three sensors at one time" if self._freedom < MIN_FREEDOM else ""
         return outcome(SYSTEMATIC, self._findings(), unless=few)
 
     def _findings(self) -> Iterator[Check]:
+        """Generate a finding for each significant error, with others that may be the true one instead."""
         for one in self.found():
             unit = math.pi / 180.0 if one.kind == TURNED else 1.0
             others = [f"{'the yaw' if kind == TURNED else 'the clock'} of {name}" for name, kind in one.rivals]
@@ -257,13 +264,13 @@ class SystematicErrors:
 
 
 def linearised_bearings(one: StatedResiduals, origin: Floats, xy: Floats, path: Floats) -> tuple[Floats, Floats]:
-    """Normalised residuals (N,) of bearings at a path, and their gradients (N, 2) with respect to the position.
+    """Return normalised residuals (N,) of bearings at positions of a path, and gradients (N, 2) of the bearings there.
 
     Args:
-        one: N bearings of one sensor at estimates.
-        origin: (2,) where the sensor stands.
+        one: N residuals of bearings of one sensor at estimates.
+        origin: (2,) position of the sensor.
         xy: (N, 2) the estimates.
-        path: (N, 2) positions of the path at the same times.
+        path: (N, 2) positions of the path at these times.
     """
     away = xy - origin
     r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
@@ -272,10 +279,10 @@ def linearised_bearings(one: StatedResiduals, origin: Floats, xy: Floats, path: 
 
 
 def local_lines(seconds: Floats, xy: Floats) -> Floats:
-    """(T, 2) positions smoothed by a line fitted to the positions (T, 2) within `HALF_STEP_S` of each.
+    """Return (T, 2) positions smoothed by a line fitted to the positions within `HALF_STEP_S` of each.
 
     Args:
-        seconds: (T,) rising.
+        seconds: (T,) times [s], increasing.
         xy: (T, 2) positions.
     """
     first = np.searchsorted(seconds, seconds - HALF_STEP_S - EPSILON_S)
@@ -290,10 +297,10 @@ def local_lines(seconds: Floats, xy: Floats) -> Floats:
 
 
 def _velocities(seconds: Floats, xy: Floats, at: Floats) -> Floats:
-    """(N, 2) velocities of a track at N times, by central differences over +-`HALF_STEP_S`.
+    """Return (N, 2) velocities of a track at N times, by central differences over +-`HALF_STEP_S`.
 
     Args:
-        seconds: (T,) times of the track, rising.
+        seconds: (T,) times of the track [s], increasing.
         xy: (T, 2) its positions.
         at: (N,) times [s].
     """

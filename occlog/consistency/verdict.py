@@ -101,22 +101,22 @@ class ConsistencyEvidence:
     """Evidence on a run's estimates, accumulated over a stream of tables.
 
     Attributes:
-        rows: estimates.
-        fallbacks: rows by the value of `fallback`.
-        doubts: rows by the value of `quality_flags`.
-        targets: ids of the targets of the rows.
-        seen: of these, whom a sensor saw.
-        span_ns: first and last time.
+        rows: number of estimates.
+        fallbacks: number of rows by the value of `fallback`.
+        doubts: number of rows by the value of `quality_flags`.
+        targets: identities of the targets of the rows.
+        seen: identities of those that a sensor detected.
+        span_ns: first and last time [ns].
         selected: rows for which at least two cameras were selected.
-        blind: of these, rows in which fewer than two sensors saw the target.
-        particles: effective numbers.
+        blind: of these, rows in which fewer than two sensors detected the target.
+        particles: effective sample sizes.
         agreements: residuals of the bearings.
         alone: bearings that no other sensor can confirm.
-        crowd: candidates that are left.
-        positions: where the bearings of a time step meet.
-        distances: residuals are also of measurements that are no directions, so nothing is stated about `positions`.
-        rivals: by target, other trajectories that are nearly as probable; None: the method does not seek any.
-        unit: of lengths.
+        crowd: candidates near no track.
+        positions: where the bearings of a time step intersect.
+        distances: residuals are also of measurements that are no directions; then `positions` is not used.
+        rivals: by target, other trajectories that are nearly as probable; None: the method does not search for any.
+        unit: unit of lengths.
         diagnosed: there are diagnostics.
     """
 
@@ -156,7 +156,7 @@ class ConsistencyEvidence:
         self.particles.add(part.ess)
 
     def saw(self, tracks: Tracks, compared: ComparedBearings, scene: Scene) -> None:
-        """Update the statistics with the residuals of bearings at `tracks`, and with counts of candidates near none."""
+        """Add the residuals of bearings at `tracks`, and the counts of candidates near no track."""
         self.agreements.add(compared.residuals, pose_shares(tracks, scene))
         self.alone.add(compared.residuals)
         self.crowd.add(compared.frames)
@@ -182,7 +182,7 @@ class ConsistencyEvidence:
 
     @property
     def what(self) -> str:
-        """Name of the measurements that residuals are of, such as `bearings`, for messages."""
+        """Return the name of the measurements that residuals are of, `bearings` or `measurements`, for messages."""
         return "measurements" if self.distances else "bearings"
 
     def checks(self, *, one_target: bool, smoothed: bool = False) -> tuple[Check, ...]:
@@ -249,14 +249,14 @@ class ConsistencyEvidence:
         yield from depleted_particles(PARTICLES, self.particles, allowed)
 
     def _restarts(self) -> Iterator[Check]:
-        """Report rows in which the track was lost and restarted."""
+        """Generate a finding if too many rows have a restart after the track was lost."""
         count = self.fallbacks["restart"]
         if exceeds_share(count, self.rows, MAX_RESTART_SHARE):
             share = count / self.rows
             yield finding(RESTARTED, "track-loss", count=count, rows=self.rows, share=share, allowed=MAX_RESTART_SHARE)
 
     def _gaps(self) -> Iterator[Check]:
-        """Report rows so far apart in time that the filter has no benefit from the motion model."""
+        """Generate a finding if most rows follow the one before after so long a gap that nothing is filtered."""
         gaps = self.fallbacks["gap"]
         if self.span_ns is not None and gaps >= MIN_GAPS and gaps >= MAX_GAP_SHARE * self.rows:
             yield finding(
@@ -282,7 +282,7 @@ class ConsistencyEvidence:
             )
 
     def _blind(self) -> Iterator[Check]:
-        """Report cameras that were selected but did not detect the target."""
+        """Generate a finding if fewer than two of the selected cameras detect the target in too many rows."""
         if exceeds_share(self.blind, self.selected, MAX_BLIND_SHARE):
             yield finding(
                 SELECTED,
@@ -294,7 +294,10 @@ class ConsistencyEvidence:
             )
 
     def _rows(self) -> Iterator[Check]:
-        """Report rows with a quality flag (as a note if they are rare), and fallbacks if they are not rare."""
+        """Generate findings about rows with a quality flag, and about fallbacks that are not rare.
+
+        A rare flag is a note.
+        """
         flags = [(self.doubts[flag], id, MAX_FLAGGED_SHARE) for flag, id in QUALITY_FLAGS.items()]
         flags += [(self.fallbacks[value], *of) for value, of in FALLBACKS.items()]
         for n, (count, id, allowed) in enumerate(flags):
@@ -305,9 +308,9 @@ class ConsistencyEvidence:
                 yield finding(FLAGGED, id, severity, count=count, rows=self.rows, share=share, allowed=allowed)
 
     def _rivals(self) -> Iterator[Check]:
-        """Report targets with a rival trajectory nearly as probable as the reported one.
+        """Generate a finding for each target with a rival trajectory nearly as probable as the reported one.
 
-        It is a note if both hardly differ.
+        It is a note if both differ in few rows.
         """
         origin_ns = 0 if self.span_ns is None else self.span_ns[0]
         for target, found in sorted((self.rivals or {}).items()):
@@ -348,7 +351,7 @@ class ConsistencyEvidence:
                 )
 
     def _unconfirmed(self) -> Iterator[Check]:
-        """Report probable false bearings if sensors detect the target one at a time."""
+        """Generate a finding if bearings are probably false where sensors detect the target one at a time."""
         alone = self.alone
         if (
             alone.bearings >= MIN_SAMPLES
@@ -365,7 +368,7 @@ class ConsistencyEvidence:
             )
 
     def _nis(self) -> Iterator[Check]:
-        """Check the NIS of all sensors together; if it passes, the NIS of each sensor."""
+        """Generate a finding if the NIS of all sensors together is not as stated, else for single sensors."""
         whole = self.agreements.nis
         if (check := nis_check(f"the {self.what}", whole, self._expected())) is not None:
             yield check
@@ -376,7 +379,7 @@ class ConsistencyEvidence:
                 yield check
 
     def _motion(self) -> Iterator[Check]:
-        """Report targets that move more irregularly than the motion model states."""
+        """Generate a finding for each target that moves more irregularly than the motion model states."""
         for target, factor in sorted(self.agreements.noise.items()):
             if factor > MAX_MOTION_VARIANCE_FACTOR:
                 yield finding(
@@ -416,6 +419,7 @@ class ConsistencyEvidence:
                 )
 
     def _expected(self) -> float:
+        """Return the expected sum of squared residuals of all sensors."""
         return math.fsum(a.means.expected for a in self.agreements.sensors.values())
 
     def _several(self) -> Iterator[Check]:
@@ -447,7 +451,7 @@ def depleted_particles(
         check: name of the check.
         particles: histogram of effective sample sizes.
         allowed: share of the rows, 0 to 1.
-        severity: of the finding; None: the declared one.
+        severity: severity of the finding; None: the declared one.
     """
     if exceeds_share(particles.few, particles.rows, allowed):
         yield finding(
@@ -462,17 +466,17 @@ def depleted_particles(
 
 
 def exceeds_share(count: int, of: int, share: float) -> bool:
-    """Whether `count` of `of` exceeds a share significantly (binomial test at `SIGNIFICANCE`)."""
+    """Return whether `count` of `of` exceeds a share significantly (binomial test at `SIGNIFICANCE`)."""
     return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < SIGNIFICANCE
 
 
 def nis_check(what: str, nis: Ratio, expected: float, sensors: tuple[str, ...] = ()) -> Check | None:
-    """Check the variance factor of residuals; None if it is as stated, or with too few samples.
+    """Return the finding about the variance factor of residuals; None if it is as stated, or with too few samples.
 
     Args:
-        what: name of the measurements.
-        nis: their normalised square.
-        expected: sum of squares that is expected.
+        what: name of the measurements, for the message.
+        nis: normalised innovation squared with its standard error.
+        expected: expected sum of the squares.
         sensors: names of their sensors; empty: all.
     """
     low, high = nis.interval(SIGNIFICANCE)

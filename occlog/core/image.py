@@ -38,7 +38,11 @@ _OVER = np.concatenate([[0.0], 1.0 / np.arange(1, 256)])
 
 @kernel
 def pixel_bin(blue: int, green: int, red: int) -> int:
-    """Histogram bin, 0 to 71, of a pixel with blue, green and red values, 0 to 255 each."""
+    """Return the histogram bin, 0 to 71, of a pixel with blue, green and red values, 0 to 255 each.
+
+    Bins 0 to 63 are 8 x 8 bins of hue and saturation (8 hue + saturation), bins 64 to 71 the brightness of grey and
+    dark pixels.
+    """
     high, low = max(blue, green, red), min(blue, green, red)
     spread = high - low
     if 10 * spread <= high or 5 * high <= 255:
@@ -57,19 +61,19 @@ def pixel_bin(blue: int, green: int, red: int) -> int:
 
 
 def as_colour(image: Bytes) -> Bytes:
-    """(height, width, 3) view of a grey or colour image; B = G = R for grey."""
+    """Return an image as (height, width, 3) BGR; a grey one (height, width) as a read-only view with B = G = R."""
     if image.ndim == 3:
         return image
     return np.broadcast_to(image[:, :, None], (*image.shape, 3))
 
 
 def update_bins(bins: Bytes, image: Bytes, boxes: Ints, step: int = 1) -> None:
-    """Compute the bin numbers of the pixels inside boxes, once per frame for all particles of all trackers.
+    """Compute the colour bins (0 to 71) of the pixels inside boxes, once per frame for all particles of all trackers.
 
     Args:
         bins: (height, width) bin numbers, changed in place; pixels outside all boxes keep theirs.
         image: (height, width, 3) BGR or (height, width) grey.
-        boxes: (K, 4) left, top, right, bottom, half-open; boxes may overlap and reach over the image.
+        boxes: (K, 4) left, top, right, bottom [px], right and bottom excluded; boxes may overlap and exceed the image.
         step: only pixels with column and row that are multiples of it.
     """
     colour, (height, width) = as_colour(image), bins.shape
@@ -80,22 +84,36 @@ def update_bins(bins: Bytes, image: Bytes, boxes: Ints, step: int = 1) -> None:
 
 @kernel
 def _bins_into(bins: Bytes, image: Bytes, left: int, top: int, right: int, bottom: int, step: int) -> None:
+    """Write the colour bins (0 to 71) of the pixels of one box to `bins`, in place.
+
+    Args:
+        bins: (height, width) bin numbers.
+        image: (height, width, 3) BGR.
+        left: first column.
+        top: first row.
+        right: column after the last.
+        bottom: row after the last.
+        step: step between columns and between rows.
+    """
     for y in range(top, bottom, step):
         for x in range(left, right, step):
             bins[y, x] = pixel_bin(int(image[y, x, 0]), int(image[y, x, 1]), int(image[y, x, 2]))
 
 
 def bins_of(levels: int) -> int:
-    """Number m of bins for a number of levels."""
+    """Return the number of colour bins for L levels: L (L + 1), of hue x saturation and of brightness without a hue."""
     return levels * (levels + 1)
 
 
 def colour_bins(image: Bytes, levels: int) -> Ints:
-    """(height, width) bin number of each pixel, 0 to m - 1.
+    """Return the (height, width) colour bin of each pixel, 0 to L (L + 1) - 1 for L levels.
+
+    A pixel with a hue has the bin L hue + saturation, with levels 0 to L - 1 of both; a grey or dark one L^2 +
+    brightness.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
-        levels: of hue, of saturation and of brightness, at least 2.
+        levels: number L of levels of hue, of saturation and of brightness, at least 2.
     """
     blue, green, red = np.moveaxis(as_colour(image).astype(np.int64), -1, 0)
     high = np.maximum(np.maximum(blue, green), red)
@@ -114,52 +132,56 @@ def colour_bins(image: Bytes, levels: int) -> Ints:
 
 
 def colour_counts(image: Bytes, mask: Bytes, levels: int) -> Ints:
-    """(m,) number of masked pixels in each of m = `bins_of(levels)` colour bins.
+    """Return the (m,) number of masked pixels in each of m = levels (levels + 1) colour bins.
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
         mask: (height, width); pixels with 0 do not count.
-        levels: of hue, of saturation and of brightness.
+        levels: number of levels of hue, of saturation and of brightness, at least 2.
     """
     return np.bincount(colour_bins(image, levels)[mask != 0], minlength=bins_of(levels))
 
 
 def density(counts: Ints | Floats) -> Floats:
-    """(..., m) histogram counts normalised to sum 1 ([Lee] 5.1, 5.2, 5.4); NaN without counts."""
+    """Return histograms (..., m) normalised to sum 1 ([Lee] 5.1, 5.2, 5.4); NaN for one without counts."""
     total = np.sum(counts, axis=-1, keepdims=True, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(total > 0, counts / total, np.nan))
 
 
 def bhattacharyya(a: Floats, b: Floats) -> Floats:
-    """(K, R) Bhattacharyya coefficients of densities a (K, m) and b (R, m), 0 (disjoint) to 1 (equal) ([Lee] 5.5)."""
+    """Return the (K, R) Bhattacharyya coefficients of densities a (K, m) and b (R, m) ([Lee] 5.5).
+
+    They are 0 for disjoint and 1 for equal densities; NaN for a density that is NaN.
+    """
     return np.asarray(np.clip(np.sqrt(a) @ np.sqrt(b).T, 0.0, 1.0))
 
 
 def bias(bins: Ints | float, a: Ints | Floats | float, b: Ints | Floats | float) -> Floats:
-    """Expected shortfall of the Bhattacharyya coefficient of two samples of one density below 1.
+    """Return the expected shortfall below 1 of the Bhattacharyya coefficient of two samples of one density.
 
-    It is (m - 1) / 8 (1 / a + 1 / b), the second-order term of the expansion of the square root at the density, and
-    is valid if every bin has several counts.
+    It is (m - 1) / 8 (1 / a + 1 / b), the second-order term of the expansion of the square root at the density, and is
+    valid if every bin has several counts.
 
     Args:
         bins: number m of bins that have colours.
-        a: independent values of one sample.
-        b: of the other.
+        a: number of independent values in one sample.
+        b: number of independent values in the other.
     """
     return np.asarray((np.asarray(bins) - 1.0) / 8.0 * (1.0 / np.asarray(a) + 1.0 / np.asarray(b)))
 
 
 def corrected(a: Floats, b: Floats, pixels_a: Ints, pixels_b: Ints) -> tuple[Floats, Floats]:
-    """(K, R) Bhattacharyya coefficients, and the coefficients corrected for `bias`.
+    """Return the (K, R) Bhattacharyya coefficients of densities, without and with a correction for small samples.
 
-    The number of bins is that of the colours present in either histogram.
+    The correction adds the expected shortfall of two samples of one density (`bias`), with the bins of colours present
+    in either histogram.
 
     Args:
         a: (K, m) densities.
         b: (R, m) densities.
-        pixels_a: (K,) pixels that made them.
-        pixels_b: (R,)
+        pixels_a: (K,) numbers of pixels of the densities `a`.
+        pixels_b: (R,) numbers of pixels of the densities `b`.
     """
     none = (a == 0).astype(np.float64) @ (b == 0).T.astype(np.float64)
     rho = bhattacharyya(a, b)
@@ -174,10 +196,13 @@ MAX_AXIS_PX = 1e4
 
 
 def support_radius(ellipses: Floats, theta: Floats | float) -> Floats:
-    """Support function of ellipses (..., 5) in direction theta [rad].
+    """Return the support function (...) [px] of ellipses: half their extent in the direction theta.
 
-    It is the distance [px] from the centre of the tangent across theta: sqrt(a^2 cos^2 + b^2 sin^2) of the angle
-    between theta and axis a.
+    It is sqrt(a^2 cos^2 + b^2 sin^2) of the angle between theta and axis a.
+
+    Args:
+        ellipses: (..., 5) cx, cy, half axes a and b [px], angle rho of axis a from +x towards +y (down) [rad].
+        theta: directions [rad] from +x towards +y.
     """
     e = np.asarray(ellipses, dtype=np.float64)
     turn = np.asarray(theta, dtype=np.float64) - e[..., 4]
@@ -185,14 +210,13 @@ def support_radius(ellipses: Floats, theta: Floats | float) -> Floats:
 
 
 def nearness(ellipses: Floats) -> Floats:
-    """Distances of centres over the sum of support radii along the line between them.
+    """Return the (N, N) distances of centres over the sum of support radii along the line between them; symmetric.
+
+    At most 1: the ellipses touch; at most `CLOSE_RADII`: they are close. Infinite on the diagonal and for a NaN
+    ellipse.
 
     Args:
-        ellipses: (N, 5).
-
-    Returns:
-        (N, N), symmetric: at most 1 = touching, at most `CLOSE_RADII` = close; inf on the diagonal
-        and for a NaN ellipse.
+        ellipses: (N, 5) cx, cy, half axes a and b [px], angle of axis a [rad].
     """
     e = np.asarray(ellipses, dtype=np.float64)
     ratio = nearness_between(e, e)
@@ -201,7 +225,11 @@ def nearness(ellipses: Floats) -> Floats:
 
 
 def nearness_between(a: Floats, b: Floats) -> Floats:
-    """(N, M) `nearness` of ellipses a (N, 5) to ellipses b (M, 5); inf for a NaN ellipse."""
+    """Return the (N, M) distances of centres over the sum of support radii, of ellipses a (N, 5) and b (M, 5).
+
+    At most 1: the ellipses touch. Infinite for a NaN ellipse. Rows are cx, cy, half axes a and b [px], angle of axis a
+    [rad].
+    """
     dx, dy = b[None, :, 0] - a[:, None, 0], b[None, :, 1] - a[:, None, 1]
     theta = np.arctan2(dy, dx)
     reach = support_radius(a[:, None, :], theta) + support_radius(b[None, :, :], theta)
@@ -211,18 +239,22 @@ def nearness_between(a: Floats, b: Floats) -> Floats:
 
 
 def touching(ellipses: Floats) -> Bools:
-    """(N, N) mask of ellipses that touch or overlap: d <= r_i + r_j; False on the diagonal."""
+    """Return the (N, N) mask of ellipses that touch or overlap; False on the diagonal.
+
+    Their centres are no farther apart than the sum of their support radii. `ellipses` (N, 5): cx, cy, half axes a and b
+    [px], angle of axis a [rad].
+    """
     return np.asarray(nearness(ellipses) <= 1.0)
 
 
 @kernel
 def quadratic(a: float, b: float, rho: float) -> tuple[float, float, float]:
-    """Coefficients A, B, C of the quadratic form q = A dx^2 + 2 B dx dy + C dy^2, which is 1 on the ellipse.
+    """Return A, B, C of the quadratic form A dx^2 + 2 B dx dy + C dy^2 about the centre, which is 1 on an ellipse.
 
     Args:
-        a: first semi-axis.
-        b: second semi-axis.
-        rho: angle of the first semi-axis to x [rad].
+        a: half axis [px].
+        b: half axis at a right angle to it [px].
+        rho: angle of axis a from +x towards +y [rad].
     """
     c, s = math.cos(rho), math.sin(rho)
     ia, ib = 1.0 / (a * a), 1.0 / (b * b)
@@ -231,7 +263,10 @@ def quadratic(a: float, b: float, rho: float) -> tuple[float, float, float]:
 
 @kernel
 def holds_pixels(ellipse: Floats) -> bool:
-    """Whether five numbers are an ellipse of a plausible size in an image."""
+    """Return whether an ellipse (cx, cy, a, b, rho) is finite and of a plausible size in an image.
+
+    Half axes a and b are above 0 and at most `MAX_AXIS_PX`, centre coordinates are below 1e7 px.
+    """
     a, b = ellipse[2], ellipse[3]
     if not (math.isfinite(ellipse[0]) and math.isfinite(ellipse[1]) and math.isfinite(ellipse[4])):
         return False
@@ -240,13 +275,13 @@ def holds_pixels(ellipse: Floats) -> bool:
 
 @kernel
 def row_limits(cy: float, a: float, b: float, rho: float) -> tuple[int, int]:
-    """First and last pixel row that an ellipse meets, for which `holds_pixels` is True; first > last if there is none.
+    """Return the first and the last pixel row that an ellipse of plausible size meets; first > last if there is none.
 
     Args:
         cy: row of the centre [px].
-        a: first semi-axis [px].
-        b: second semi-axis [px].
-        rho: angle of the first semi-axis to x [rad].
+        a: half axis [px].
+        b: half axis at a right angle to it [px].
+        rho: angle of axis a from +x towards +y [rad].
     """
     reach = math.hypot(a * math.sin(rho), b * math.cos(rho))
     return math.ceil(cy - reach), math.floor(cy + reach)
@@ -254,14 +289,14 @@ def row_limits(cy: float, a: float, b: float, rho: float) -> tuple[int, int]:
 
 @kernel
 def column_limits(cx: float, dy: float, a: float, b: float, c: float) -> tuple[int, int]:
-    """First and last pixel column inside an ellipse in one row; first > last if none.
+    """Return the first and the last pixel column inside an ellipse in one row; first > last if there is none.
 
     Args:
-        cx: column of the centre.
-        dy: the row minus the row of the centre.
-        a: A of `quadratic`.
-        b: B.
-        c: C.
+        cx: column of the centre [px].
+        dy: the row minus the row of the centre [px].
+        a: coefficient of dx^2 in the quadratic form that is 1 on the ellipse (`quadratic`).
+        b: half of the coefficient of dx dy.
+        c: coefficient of dy^2.
     """
     root = b * b * dy * dy - a * (c * dy * dy - 1.0)
     if root < 0.0:

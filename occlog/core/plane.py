@@ -31,7 +31,7 @@ from .numerics.jit import kernel
 
 @kernel
 def point_inside(x: float, y: float, polygon: Floats) -> bool:
-    """True if (x, y) lies inside the polygon (even-odd rule).
+    """Return whether (x, y) is inside a polygon (K, 2) of either orientation (even-odd rule).
 
     A point on the border counts as inside on lower and left edges only, so that
     polygons that share an edge never both claim it.
@@ -51,7 +51,7 @@ def point_inside(x: float, y: float, polygon: Floats) -> bool:
 
 @kernel
 def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Orientation of the triangle with the corners (ax, ay), (bx, by), (cx, cy).
+    """Return the orientation of the triangle with the corners (ax, ay), (bx, by), (cx, cy).
 
     Returns:
         Twice the signed area, > 0 if counter-clockwise; 0 if it is within the rounding error.
@@ -66,7 +66,7 @@ def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: floa
 
 @kernel
 def segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats) -> bool:
-    """True if the open segment from (ax, ay) to (bx, by) passes through the interior of a polygon (K, 2).
+    """Return whether the open segment from (ax, ay) to (bx, by) passes through the interior of a polygon (K, 2).
 
     Touching a corner or running along an edge does not block.
     """
@@ -94,10 +94,11 @@ def segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats)
 
 @kernel
 def _touching_segment_blocked(ax: float, ay: float, bx: float, by: float, polygon: Floats) -> bool:
-    """`segment_blocked` for a segment that touches the border only at corners, at end points or along edges.
+    """Return whether a segment that touches a polygon's border passes through the interior of the polygon.
 
-    The segment from (ax, ay) to (bx, by) is cut at every vertex of the polygon (K, 2); it is inside somewhere if and
-    only if it is inside at the middle of one of the parts (and not on the border there).
+    It touches the border only at corners, at end points or along edges, and crosses no edge. The segment from (ax, ay)
+    to (bx, by) is cut at every vertex of the polygon (K, 2); it is inside if and only if the middle of one of the parts
+    is inside (and not on the border).
     """
     n = polygon.shape[0]
     dx, dy = bx - ax, by - ay
@@ -124,7 +125,7 @@ def _touching_segment_blocked(ax: float, ay: float, bx: float, by: float, polygo
 
 @kernel
 def distance_to_boundary(x: float, y: float, polygon: Floats) -> float:
-    """Distance from (x, y) to the nearest point of the polygon's border (also from inside)."""
+    """Return the distance from (x, y), inside or outside, to the nearest point of the border of a polygon (K, 2)."""
     best = np.inf
     j = polygon.shape[0] - 1
     for i in range(polygon.shape[0]):
@@ -142,7 +143,10 @@ def distance_to_boundary(x: float, y: float, polygon: Floats) -> float:
 
 @kernel
 def inside_polygon(xy: Floats, polygon: Floats) -> Bools:
-    """(N,) mask of points (N, 2) inside the polygon (K, 2); borders as in `point_inside`."""
+    """Return the (N,) mask of points (N, 2) inside a polygon (K, 2).
+
+    A point on the border is inside on lower and left edges only.
+    """
     inside = np.empty(xy.shape[0], dtype=np.bool_)
     for i in range(xy.shape[0]):
         inside[i] = point_inside(xy[i, 0], xy[i, 1], polygon)
@@ -151,7 +155,7 @@ def inside_polygon(xy: Floats, polygon: Floats) -> Bools:
 
 @kernel
 def line_of_sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
-    """(N,) mask of points that the polygon hides from the origin.
+    """Return the (N,) mask of points that a polygon hides from the origin.
 
     Args:
         origin: (2,) where the sensor stands.
@@ -169,7 +173,7 @@ def line_of_sight_blocked(origin: Floats, xy: Floats, polygon: Floats) -> Bools:
 
 
 def pack_polygons(polygons: Sequence[Floats]) -> tuple[Floats, Ints]:
-    """Concatenate vertices (S, 2) of polygons, with starts (P + 1,).
+    """Return the corners (V, 2) of P polygons, concatenated, and the first corner (P + 1,) of each, then V.
 
     Polygon p is `vertices[starts[p]:starts[p + 1]]`.
     """
@@ -181,13 +185,13 @@ def pack_polygons(polygons: Sequence[Floats]) -> tuple[Floats, Ints]:
 
 
 def signed_area(polygon: Floats) -> float:
-    """Area of a simple (K, 2) polygon, positive when its vertices run counter-clockwise."""
+    """Return the area of a simple polygon (K, 2), positive if its corners are in counter-clockwise order."""
     x, y = (polygon - polygon[0]).T  # near the origin, so that large coordinates do not cancel
     return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
 
 
 def counter_clockwise(polygon: Floats) -> Floats:
-    """The polygon (n, 2) with corners in counter-clockwise order."""
+    """Return a simple polygon (K, 2) with its corners in counter-clockwise order: itself, or a reversed copy."""
     return polygon if signed_area(polygon) >= 0 else polygon[::-1].copy()
 
 
@@ -196,7 +200,10 @@ FLAT = 1e-12
 
 
 def convex_pieces(polygon: Floats) -> list[Floats]:
-    """Cut a simple polygon into convex counter-clockwise pieces: itself if convex, else triangles (ear clipping)."""
+    """Return convex counter-clockwise pieces of a simple polygon (K, 2).
+
+    The polygon itself if it is convex, else triangles (ear clipping); slivers without area are left out.
+    """
     corners = counter_clockwise(polygon)
     flat = FLAT * float(np.ptp(corners, axis=0).prod())
     if np.all(_turns(corners) >= -flat):
@@ -217,13 +224,13 @@ def convex_pieces(polygon: Floats) -> list[Floats]:
 
 
 def _turns(corners: Floats) -> Floats:
-    """(K,) cross product of the edges before and after each corner of a polygon (K, 2); > 0 turns left."""
+    """Return the (K,) cross product of the edges before and after each corner of a polygon (K, 2); > 0 turns left."""
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
     return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
 
 
 def _is_ear(corners: Floats, left: list[int], k: int, flat: float, border: float) -> bool:
-    """Whether a corner is an ear (can be cut off); straight corners are.
+    """Return whether a corner is an ear of a polygon (can be cut off as a triangle); straight corners are.
 
     Args:
         corners: (K, 2) counter-clockwise polygon.
@@ -248,7 +255,7 @@ def _is_ear(corners: Floats, left: list[int], k: int, flat: float, border: float
 
 
 def pockets(polygon: Floats) -> list[Floats]:
-    """Polygons between a simple (K, 2) polygon and its convex hull; none for a convex one.
+    """Return the polygons (counter-clockwise) between a simple polygon (K, 2) and its convex hull; none if convex.
 
     A segment between two points of the polygon leaves the polygon if and only if it
     passes through the interior of a pocket.
@@ -264,7 +271,7 @@ def pockets(polygon: Floats) -> list[Floats]:
 
 
 def _hull_corners(corners: Floats) -> list[int]:
-    """Rising indices of the corners of a counter-clockwise simple polygon that are corners of its convex hull.
+    """Return the indices, increasing, of the corners of a simple polygon (K, 2) that are corners of its convex hull.
 
     Andrew's monotone chain; corners on the sides of the hull are omitted.
     """
@@ -274,6 +281,12 @@ def _hull_corners(corners: Floats) -> list[int]:
 
 
 def _half_hull(corners: Floats, order: np.ndarray[tuple[int], np.dtype[np.intp]]) -> list[int]:
+    """Return the indices of the corners of one half of a convex hull (lower or upper), in the given order.
+
+    Args:
+        corners: (K, 2) points.
+        order: (K,) indices of the points, sorted by x, then y; reversed for the upper half.
+    """
     hull: list[int] = []
     for i in order.tolist():
         while len(hull) > 1:
@@ -286,7 +299,7 @@ def _half_hull(corners: Floats, order: np.ndarray[tuple[int], np.dtype[np.intp]]
 
 
 class Separation(NamedTuple):
-    """The widest gaps between n segments and a convex polygon, with their directions."""
+    """The widest gaps between n segments and a convex polygon, with the lines that separate them."""
 
     gap: Floats  # (n,) distance between two parallel lines that hold them apart; negative: how deep they overlap
     normal: Floats  # (n, 2) of these lines, away from the polygon
@@ -294,7 +307,9 @@ class Separation(NamedTuple):
 
 
 def separate(start: Floats, end: Floats, polygon: Floats) -> Separation:
-    """Find the separating lines, by the separating axis theorem: they run along an edge or along the segment.
+    """Return the widest gaps between segments and a polygon, by the separating axis theorem.
+
+    Separating lines are parallel to an edge of the polygon or to the segment. Overlapping ones have a negative gap.
 
     Args:
         start: (n, 2) one end of each segment.
@@ -309,6 +324,10 @@ def separate(start: Floats, end: Floats, polygon: Floats) -> Separation:
 
 @kernel
 def _separate(start: Floats, end: Floats, polygon: Floats, out: Separation) -> None:
+    """Write the widest gaps between n segments and a convex counter-clockwise polygon to `out`, in place.
+
+    The kernel of `separate`: `start` (n, 2) and `end` (n, 2) are the ends of the segments, `polygon` is (K, 2).
+    """
     K = polygon.shape[0]
     for i in range(start.shape[0]):
         ax, ay, bx, by = start[i, 0], start[i, 1], end[i, 0], end[i, 1]
@@ -335,14 +354,16 @@ def _separate(start: Floats, end: Floats, polygon: Floats, out: Separation) -> N
 
 
 def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> Floats:
-    """(m, 2) positions of a path from near a around a polygon to near b, at a distance from the polygon.
+    """Return the (m, 2) positions of a path from near a around a polygon to near b, at a distance from the polygon.
+
+    It begins and ends at the points of distance `away` that are nearest to a and b, and turns at offset corners.
 
     Args:
         corners: (K, 2) simple polygon, counter-clockwise.
-        a: (2,) outside it.
-        b: (2,) outside it.
-        away: distance that is kept, > 0 and small against its edges.
-        ccw: around it counter-clockwise, else clockwise.
+        a: (2,) start, outside the polygon.
+        b: (2,) end, outside the polygon.
+        away: distance that is kept, > 0 and small relative to the edges.
+        ccw: True for the way around it counter-clockwise, False for clockwise.
     """
     K = len(corners)
     (i, from_a), (j, to_b) = nearest_edge(corners, a, away), nearest_edge(corners, b, away)
@@ -361,7 +382,7 @@ def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> F
 
 
 def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]:
-    """Index of the edge of a polygon nearest to a position, and the point (2,) at distance `away` outside of it.
+    """Return the index of a polygon's edge nearest to a position, and the point (2,) outside of it at distance `away`.
 
     Args:
         corners: (K, 2) counter-clockwise polygon; edge k begins at corner k.
@@ -377,18 +398,22 @@ def nearest_edge(corners: Floats, xy: Floats, away: float) -> tuple[int, Floats]
 
 
 def offset_point(corners: Floats, k: int, foot: Floats, away: float) -> Floats:
-    """Point (2,) outside edge k at distance `away` from `foot` (2,) on it; `corners` (K, 2) are counter-clockwise."""
+    """Return the point (2,) outside edge k of a polygon, at distance `away` from the point `foot` (2,) of the edge.
+
+    `corners` (K, 2) are counter-clockwise; edge k begins at corner k.
+    """
     edge = corners[(k + 1) % len(corners)] - corners[k]
     return np.asarray(foot + away * np.array([edge[1], -edge[0]]) / np.hypot(*edge))
 
 
 def _along(corners: Floats, k: int, xy: Floats) -> float:
+    """Return the distance of `xy` (2,) along edge k from corner k of a polygon (K, 2), times the length of the edge."""
     edge = corners[(k + 1) % len(corners)] - corners[k]
     return float((xy - corners[k]) @ edge)
 
 
 def offset(corners: Floats, away: float) -> Floats:
-    """(K, 2) corners of a counter-clockwise polygon (K, 2) with its edges moved outwards by `away`.
+    """Return the corners (K, 2) of a counter-clockwise polygon (K, 2) with its edges moved outwards by `away`.
 
     Very sharp corners move by less.
     """
@@ -400,7 +425,7 @@ def offset(corners: Floats, away: float) -> Floats:
 
 
 def spread_along(a: Floats, positions: Floats, b: Floats, steps: int) -> Floats | None:
-    """Positions on the way from a via all of `positions` to b, at nearly equal distances.
+    """Return positions on the way from a via all of `positions` to b, at nearly equal distances.
 
     Args:
         a: (2,) start.
@@ -440,13 +465,13 @@ class Floor(NamedTuple):
 
 
 def make_floor(room: Floats, walls: Sequence[Floats]) -> Floor:
-    """The floor inside `room` (K, 2) and outside the `walls`, each (K_p, 2)."""
+    """Return the floor inside `room` (K, 2) and outside the `walls`, each (K_p, 2); walls are packed for kernels."""
     return Floor(np.ascontiguousarray(room, dtype=np.float64), *pack_polygons(walls))
 
 
 @kernel
 def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
-    """(N,) mask of points on the floor: inside the room and outside all walls.
+    """Return the (N,) mask of points on the floor: inside the room and outside all walls.
 
     Args:
         xy: (N, 2) points.
@@ -464,7 +489,7 @@ def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
 
 
 def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
-    """Sample (n, 2) positions uniformly over the floor, by rejection from the room's bounding box.
+    """Return n positions (n, 2) sampled uniformly over the floor, by rejection from the room's bounding box.
 
     Raises:
         ValueError: so little of the box is free that `MAX_SAMPLING_ROUNDS` rounds do not find n positions.
@@ -486,7 +511,7 @@ def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
 
 
 def floor_moments(floor: Floor) -> tuple[Floats, Floats]:
-    """Mean (2,) and covariance (2, 2) of a uniform distribution over the floor, in closed form.
+    """Return the mean (2,) and covariance (2, 2) of a uniform distribution over the floor, in closed form.
 
     The floor is cut into vertical slabs at all corners and at all crossings of edges.  Within a slab no edges cross, so
     that the floor is a set of trapezoids there, the moments of which are those of two triangles each.
@@ -525,7 +550,7 @@ def floor_moments(floor: Floor) -> tuple[Floats, Floats]:
 
 
 def _crossings(edges: Floats) -> Floats:
-    """Abscissas (x) of the crossings of edges (E, 2, 2)."""
+    """Return the x coordinates of the crossings of edges (E, 2, 2), given by their ends; each crossing comes twice."""
     run = edges[:, 1] - edges[:, 0]
     base = edges[None, :, 0] - edges[:, None, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -538,12 +563,12 @@ def _crossings(edges: Floats) -> Floats:
 
 
 def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator) -> Floats:
-    """Sample (N, 2) positions on the floor, each uniform within `reach` of one of the points `xy` (N, 2).
+    """Return positions (N, 2) on the floor, each sampled uniformly within `reach` of one of the points `xy` (N, 2).
 
     For a point with hardly any floor around it the position is anywhere on the floor.
 
     Raises:
-        ValueError: there is hardly any floor at all; see `sample_floor`.
+        ValueError: so little of the room is free that `MAX_SAMPLING_ROUNDS` rounds find too few positions.
     """
     out = np.array(xy, dtype=np.float64)
     left = np.arange(len(out))

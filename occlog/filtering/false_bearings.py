@@ -15,16 +15,22 @@ MAX_FALSE_PROBABILITY = 0.5
 
 
 class FalseBearings(NamedTuple):
-    """Beta posterior of the probability that a target's bearings are false, without its prior."""
+    """Statistics of a target's bearings: expected number of false ones, and number of all.
+
+    With a Beta prior they give the probability that a bearing is false.
+    """
 
     false: float = 0.0  # expected number
     bearings: int = 0
 
     def probability(self, initial: float) -> float:
-        """Posterior mean for a prior with mean `initial`; 0 stays 0."""
+        """Return the posterior mean of the probability that a bearing is false, for a prior with mean `initial`.
+
+        It is at most `MAX_FALSE_PROBABILITY`; 0 stays 0.
+        """
         learned = (initial * PRIOR_BEARINGS + self.false) / (PRIOR_BEARINGS + self.bearings)
         return min(learned, MAX_FALSE_PROBABILITY) if initial > 0.0 else 0.0
 
     def counted(self, inlier: Floats) -> FalseBearings:
-        """Add bearings with inlier probabilities (n,)."""
+        """Return the statistics with n more bearings, of which `inlier` (n,) are the probabilities to be true."""
         return FalseBearings(self.false + float(np.sum(1.0 - inlier)), self.bearings + len(inlier))

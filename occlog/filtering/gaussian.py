@@ -22,7 +22,10 @@ class Gaussian(NamedTuple):
 
 
 class PosteriorRecord(NamedTuple):
-    """Posterior of a filter after a scan, stored for the backward pass."""
+    """Posterior of a filter after a scan, with the time since the record before [s], for the backward pass.
+
+    `begun`: the filter was initiated by this scan, so that earlier records do not count.
+    """
 
     after: Gaussian
     dt: float  # since the link before [s]
@@ -34,15 +37,15 @@ Transition = Callable[[float], tuple[Floats, Floats]]
 
 
 def symmetric(matrix: Floats) -> Floats:
-    """Mean of matrices (..., n, n) and their transposes, to remove the asymmetry of rounding."""
+    """Return the mean of matrices (..., n, n) and their transposes, to remove the asymmetry of rounding."""
     return 0.5 * (matrix + matrix.swapaxes(-1, -2))
 
 
 def predicted(state: Gaussian, F: Floats, Q: Floats) -> Gaussian:
-    """Predict a Gaussian state by linear motion: mean F x, covariance F P F^T + Q.
+    """Return a Gaussian state after a linear motion: mean F x, covariance F P F^T + Q.
 
     Args:
-        state: before.
+        state: Gaussian before.
         F: (n, n) transition matrix.
         Q: (n, n) covariance of the process noise.
     """
@@ -50,7 +53,7 @@ def predicted(state: Gaussian, F: Floats, Q: Floats) -> Gaussian:
 
 
 def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[Gaussian, float]:
-    """Update by linear measurements with independent noise (Joseph form); return the state and the log-likelihood.
+    """Return a Gaussian state after linear measurements with independent noise (Joseph form), and their log-likelihood.
 
     Args:
         state: the prediction.
@@ -68,19 +71,19 @@ def updated(state: Gaussian, H: Floats, innovation: Floats, R: Floats) -> tuple[
 
 
 def log_normal(off: Floats, S: Floats) -> float:
-    """Logarithm of the density of N(0, S) at the residuals `off` (m,), with the covariance S (m, m)."""
+    """Return the log density of N(0, S) at the residuals `off` (m,), with the covariance S (m, m)."""
     _, volume = np.linalg.slogdet(S)
     return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
 
 
 def rts_smooth(links: Sequence[PosteriorRecord], transition: Transition) -> list[Gaussian]:
-    """Smoothed states by the recursion of Rauch, Tung and Striebel (1965), one for each link.
+    """Return a smoothed state for each record, by the recursion of Rauch, Tung and Striebel (1965).
 
-    A reinitialised link separates the states before it from those after it.
+    A record with `begun` separates the states before it from those after it.
 
     Args:
         links: filtered states of a target in the order of time, at least one.
-        transition: transition matrix F and process noise Q for a time step [s].
+        transition: returns transition matrix F and process noise Q for a time step [s].
     """
     out: list[Gaussian] = []
     later, ahead = links[-1].after, None

@@ -44,7 +44,11 @@ MAX_HALF_CHI2 = 50.0
 
 
 class KernelDensity(NamedTuple):
-    """Kernel density of K equally weighted particles with n dimensions, each of a kind (motion model)."""
+    """Kernel density of K equally weighted particles with n dimensions, each of a kind (motion model).
+
+    Its kernels are Gaussians about the `centres` with covariance h^2 V, h the `width`, V the `covariance` of the
+    density.
+    """
 
     mean: Floats  # (n,)
     covariance: Floats  # (n, n)
@@ -54,22 +58,25 @@ class KernelDensity(NamedTuple):
 
 
 def silverman_bandwidth(particles: int, dimension: int) -> float:
-    """Silverman's bandwidth of n particles of dimension d, in standard deviations: (4 / (n (d + 2)))^(1 / (d + 4))."""
+    """Return Silverman's bandwidth of n particles of dimension d, in standard deviations.
+
+    It is (4 / (n (d + 2)))^(1 / (d + 4)), optimal for a Gaussian.
+    """
     return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
 
 
 def kernel_density(
     cloud: Floats, weights: Floats, kinds: Ints | None = None, kept: int = MAX_PARTICLES
 ) -> KernelDensity:
-    """Kernel density of particles, of which at most `kept` are kept.
+    """Return the kernel density of particles, of which at most `kept` are kept.
 
     These are shifted and scaled so that their mean and covariance are those of all particles.
 
     Args:
-        cloud: (n, L).
-        weights: (L,) of sum 1.
-        kinds: (L,) of which kind each is, from 0; None: all are equal.
-        kept: most particles.
+        cloud: (n, L) particles.
+        weights: (L,) weights of the particles, sum 1.
+        kinds: (L,) kind of each particle (motion model), from 0; None: all are equal.
+        kept: largest number of particles.
     """
     mean = cloud @ weights
     off = cloud - mean[:, None]
@@ -83,7 +90,10 @@ def kernel_density(
 
 
 def _stretched(off: Floats, covariance: Floats) -> Floats:
-    """(n, K) deviations `off` (n, K), centred and scaled to a covariance (n, n); centred only if that is impossible."""
+    """Return deviations (n, K), centred and scaled to a given covariance (n, n); only centred if that is impossible.
+
+    `off` (n, K) are the deviations before.
+    """
     off = off - off.mean(axis=1)[:, None]
     own = off @ off.T / off.shape[1]
     try:
@@ -93,9 +103,9 @@ def _stretched(off: Floats, covariance: Floats) -> Floats:
 
 
 def last_states(end: KernelDensity, count: int, rng: Generator) -> tuple[Floats, Ints]:
-    """Sample final states (n, M) of trajectories and their kinds (M,), M = `count`.
+    """Draw the final states (n, M) of M = `count` trajectories from a kernel density, and their kinds (M,).
 
-    They have the density's mean and covariance.
+    They have exactly the density's mean and covariance.
     """
     rows = systematic_ancestors(np.full(end.centres.shape[1], 1.0 / end.centres.shape[1]), count, rng.random())
     noise = root_of(end.covariance) @ rng.standard_normal((len(end.mean), count))
@@ -112,15 +122,15 @@ def states_before(
     *,
     rng: Generator,
 ) -> tuple[Floats, Ints]:
-    """Sample states (n, M), and their kinds, one step before those of M trajectories.
+    """Draw states (n, M), and their kinds (M,), one step before those of M trajectories (backward simulation).
 
     Args:
         before: density of the filter before the step.
-        back: (n, M) b.
-        noise: (n, n) B, positive semi-definite.
-        kinds: (M,) of the states after the step; None: all are 0.
-        chances: (J, J) probabilities of a kind given that before it, rows before; None: all kinds follow each other.
-        rng: draws.
+        back: (n, M) states after the step, moved back over it without noise.
+        noise: (n, n) covariance of the step's noise, moved back over the step, positive semi-definite.
+        kinds: (M,) kinds of the states after the step; None: all are 0.
+        chances: (J, J) probabilities of a kind (columns) given that before it (rows); None: any kind follows any.
+        rng: generator of the random numbers drawn.
     """
     M = back.shape[1]
     kinds = np.zeros(M, dtype=np.int64) if kinds is None else kinds
@@ -139,16 +149,16 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) index of a centre drawn for each of M positions, with unit Gaussians around K centres times `chances`.
+    """Return (M,) index of a centre drawn for each of M positions, by unit Gaussians around K centres times `chances`.
 
     It is the nearest centre if all weights are 0.
 
     Args:
-        centres: (n, K) whitened.
+        centres: (n, K) whitened centres.
         at: (n, M) positions, whitened as the centres.
         before: (K,) kind of each centre.
         after: (M,) kind of each position.
-        chances: transition probabilities, by kind before and kind after.
+        chances: (J, J) probabilities of a kind (columns) given that before it (rows).
         u: (M,) uniform random numbers in [0, 1).
     """
     n, K = centres.shape
@@ -181,28 +191,28 @@ def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Flo
 
 
 def root_of(covariance: Floats) -> Floats:
-    """B (n, n) with B B^T = covariance, which may be singular."""
+    """Return B (n, n) with B B^T = `covariance` (n, n), which may be singular; negative eigenvalues count as 0."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def spread_of(states: Floats) -> tuple[Floats, Floats]:
-    """Mean (n,) and covariance (n, n) of equally weighted states (n, M)."""
+    """Return mean (n,) and covariance (n, n) of M equally weighted `states` (n, M), with the divisor M - 1."""
     mean = states.mean(axis=1)
     off = states - mean[:, None]
     return mean, off @ off.T / max(states.shape[1] - 1, 1)
 
 
 def update_weights(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:
-    """Weights (L,) of sum 1 after a scan, and the log of their sum before.
+    """Return weights (L,) of sum 1 after a scan, and the log of their sum before normalisation.
 
     If the effective sample size would fall below `least`, the likelihood is tempered by an exponent that keeps that
-    many particles: they move towards the scan and stay spread.
+    many particles: they move towards the scan and stay spread. The log of the sum is without tempering.
 
     Args:
         log_prior: (L,) log weights, sum of the weights 1.
-        log_likelihood: (L,) of the scan; -inf for none.
-        least: effective size that is kept, if the prior has it.
+        log_likelihood: (L,) log-likelihoods of the scan; -inf for none.
+        least: effective sample size that is kept, if the prior has it.
     """
     weights, log_sum = normalise_log_weights(log_prior + log_likelihood)
     if not math.isfinite(log_sum) or effective_sample_size(weights) >= least:
@@ -220,7 +230,7 @@ def update_weights(log_prior: Floats, log_likelihood: Floats, least: float) -> t
 
 
 def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Weighted mean (n,) and covariance (n, n) of particles (n, L); weights sum to 1."""
+    """Return weighted mean (n,) and covariance (n, n) of particles `cloud` (n, L); `weights` (L,) sum to 1."""
     mean = cloud @ weights
     off = cloud - mean[:, None]
     return mean, (off * weights) @ off.T
@@ -229,16 +239,18 @@ def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
 def resample_with_kernel(
     cloud: Floats, weights: Floats, mean: Floats, covariance: Floats, n: int, h: float, rng: np.random.Generator
 ) -> Floats:
-    """Sample (d, n) equally weighted particles from the kernel density of (d, L) weighted ones.
+    """Draw (d, n) equally weighted particles from the kernel density of (d, L) weighted ones.
+
+    Mean and covariance are preserved on average.
 
     Args:
-        cloud: (d, L).
-        weights: (L,) of sum 1.
-        mean: (d,) and
-        covariance: (d, d) of the cloud, see `moments`.
-        n: how many are wanted.
-        h: width of the kernel in standard deviations of the cloud, in [0, 1); 0 only copies.
-        rng: draws.
+        cloud: (d, L) particles.
+        weights: (L,) weights of the particles, sum 1.
+        mean: (d,) mean of the particles, from `moments`.
+        covariance: (d, d) covariance of the particles, from `moments`.
+        n: number of particles to draw.
+        h: width of the kernel in standard deviations of the particles, in [0, 1); 0 only copies.
+        rng: generator of the random numbers drawn.
     """
     rows = systematic_ancestors(weights, n, rng.random())
     if h == 0.0:
@@ -249,14 +261,14 @@ def resample_with_kernel(
 
 @array_kernel
 def _shifted(cloud: Floats, rows: Ints, mean: Floats, a: float, shift: Floats) -> Floats:
-    """Return selected particles (d, N) shrunk to the mean and moved by shifts, the second half with opposite sign.
+    """Return N selected particles (d, N) shrunk towards the mean and shifted, the second half with opposite signs.
 
     Args:
         cloud: (d, L) particles.
         rows: (N,) indices of the selected ones.
-        mean: (d,) of the cloud.
+        mean: (d,) mean of the particles.
         a: factor of the distances from the mean.
-        shift: (d, H) of the first H particles; the others take the first N - H.
+        shift: (d, H) shifts of the first H particles; the others take the first N - H with opposite sign.
     """
     n, H = rows.shape[0], shift.shape[1]
     out = np.empty((cloud.shape[0], n))

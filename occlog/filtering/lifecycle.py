@@ -27,7 +27,7 @@ Count = TypeVar("Count")
 
 
 def elapsed(before_ns: int | None, t_ns: int) -> float:
-    """Time [s] from the last scan, at `before_ns`, to the scan at `t_ns`; 0 if there was none (None).
+    """Return the time [s] from the last scan, at `before_ns`, to the scan at `t_ns`; 0 if there was none (None).
 
     ValueError for a scan that is earlier than the last one.
     """
@@ -47,15 +47,18 @@ def advance(
     update: Callable[[float], Posterior | None],
     loss: Callable[[Posterior], tuple[Count, bool]],
 ) -> tuple[Posterior, Count]:
-    """Posterior and track-loss count after a scan.
+    """Update or initiate a filter with a scan, and return its posterior and track-loss count.
+
+    It is initiated with reason "gap" after a gap, "" without prior, and "restart" if no state explains the scan or the
+    track is lost; else it is updated.
 
     Args:
-        dt: time since the last scan [s], see `elapsed`.
+        dt: time since the last scan [s]; 0 for the first one.
         max_gap_s: after a longer time the prediction is discarded [s].
         known: whether there is a prior to update: a given start, or an earlier scan.
-        initiate: posterior from the scan alone, given the reason.
-        update: posterior by prediction over dt and the scan; None where no state explains the scan.
-        loss: the count after the scan, and whether the track is lost.
+        initiate: makes a posterior from the scan alone, given the reason.
+        update: makes a posterior by prediction over dt and the scan; None where no state explains the scan.
+        loss: returns the count after the scan, and whether the track is lost.
     """
     found = initiate(GAP) if dt > max_gap_s else update(dt) if known else initiate("")
     done = initiate(RESTART) if found is None else found
@@ -64,19 +67,19 @@ def advance(
 
 
 def track_loss_count(before: int, against: int, reports: int) -> int:
-    """Track-loss counter after a scan, at least 0.
+    """Return the track-loss counter after a scan, at least 0.
 
     It grows by the number of reports that contradict the posterior minus that of the others, by at most
     `MAX_LOSS_CHANGE_PER_SCAN` either way.
 
     Args:
         before: the counter before the scan.
-        against: reports of the scan that contradict the posterior.
-        reports: all reports of the scan.
+        against: number of reports of the scan that contradict the posterior.
+        reports: number of all reports of the scan.
     """
     return max(0, before + max(-MAX_LOSS_CHANGE_PER_SCAN, min(MAX_LOSS_CHANGE_PER_SCAN, 2 * against - reports)))
 
 
 def is_lost(count: int, lost_after: int) -> bool:
-    """Whether `count` has reached the limit `lost_after`; a limit of 0 disables it."""
+    """Return whether `count` has reached the limit `lost_after`; a limit of 0 disables it."""
     return 0 < lost_after <= count

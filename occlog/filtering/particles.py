@@ -11,7 +11,7 @@ from occlog.core.numerics.jit import kernel
 
 
 def normalise_log_weights(log_weights: Floats) -> tuple[Floats, float]:
-    """Normalise weights given as logarithms.
+    """Return weights of sum 1 from logarithms of weights, and the logarithm of their sum before.
 
     Args:
         log_weights: (L,) unnormalised; -inf for weight 0.
@@ -28,19 +28,19 @@ def normalise_log_weights(log_weights: Floats) -> tuple[Floats, float]:
 
 
 def effective_sample_size(weights: Floats) -> float:
-    """Effective sample size 1 / sum w^2 of weights that sum to 1; between 1 and L."""
+    """Return the effective sample size 1 / sum w^2 of weights (L,) that sum to 1; between 1 and L."""
     return float(1.0 / np.dot(weights, weights))
 
 
 def mean_and_covariance(weights: Floats, xy: Floats) -> tuple[Floats, Floats]:
-    """Weighted mean (n,) and covariance (n, n) of (L, n) points; the weights sum to 1."""
+    """Return the weighted mean (n,) and covariance (n, n) of points `xy` (L, n); `weights` (L,) sum to 1."""
     mean = weights @ xy
     centred = xy - mean
     return mean, (weights[:, None] * centred).T @ centred
 
 
 def log_of(weights: Floats) -> Floats:
-    """Logarithms of weights; -inf for 0, without a warning."""
+    """Return logarithms of weights; -inf for 0, without a warning."""
     with np.errstate(divide="ignore"):
         return np.log(weights)
 

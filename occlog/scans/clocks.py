@@ -19,15 +19,15 @@ RIGHT = Clock("")
 
 
 class ClockChange(NamedTuple):
-    """Clock by which times were corrected, and the clock by which they should be."""
+    """Clock by which the times of a sensor were corrected, and the clock by which they should be."""
 
     before: Clock
     after: Clock
 
     def time(self, t_ns: int, first_ns: int) -> int:
-        """World time [ns] by the second clock of a time `t_ns` that was corrected by the first clock.
+        """Return the world time [ns] by the second clock, of a time `t_ns` [ns] that was corrected by the first clock.
 
-        `first_ns`: first time of the sensor, corrected by the first clock.
+        `first_ns`: first time of the sensor [ns], corrected by the first clock.
         """
         elapsed = (t_ns - first_ns) / (1.0 - self.before.drift_ppm * 1e-6)
         start = first_ns + self.before.offset_ns - self.after.offset_ns
@@ -35,18 +35,18 @@ class ClockChange(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the two clocks have another offset or drift."""
+        """Return whether the two clocks have different offsets or drifts."""
         return self.before.offset_ns != self.after.offset_ns or self.before.drift_ppm != self.after.drift_ppm
 
 
 def clocks_of(scene: Scene) -> dict[str, Clock]:
-    """Clocks of the cameras, by camera."""
+    """Return the clocks of the scene's cameras, by camera name; cameras without a clock are missing."""
     named = {clock.name: clock for clock in scene.clocks}
     return {camera.name: named[camera.clock] for camera in scene.cameras if camera.clock is not None}
 
 
 def applied_clocks(opened: Opened) -> dict[str, Clock] | None:
-    """Clocks by which the times of an input were corrected, by camera; None if unknown."""
+    """Return the clocks by which the times of an input were corrected, by camera name; None if unknown."""
     if opened.recording is not None:
         return {} if opened.scene is None else clocks_of(opened.scene)
     if opened.external_table is not None or opened.provenance.command != "detect":
@@ -57,14 +57,14 @@ def applied_clocks(opened: Opened) -> dict[str, Clock] | None:
 
 
 def stated_clocks(scene: Scene) -> dict[str, object]:
-    """Entry `CLOCKS` for the provenance of a table; empty without clock errors."""
+    """Return the entry `CLOCKS` for the provenance of a table: the scene's clocks with an error; empty without any."""
     off = {name: c for name, c in clocks_of(scene).items() if c.offset_ns or c.drift_ppm}
     values = {name: {"offset_ns": c.offset_ns, "drift_ppm": c.drift_ppm} for name, c in off.items()}
     return {CLOCKS: values} if values else {}
 
 
 def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
-    """The scene with the applied clocks of cameras for which it states none."""
+    """Return the scene in which cameras without a clock have the clock in `applied` (by camera name), if any."""
     names = {clock.name for clock in scene.clocks}
     added: dict[str, Clock] = {}
     cameras = []
@@ -82,12 +82,12 @@ def with_applied_clocks(scene: Scene, applied: Mapping[str, Clock]) -> Scene:
 
 
 def clock_changes(cameras: Sequence[Camera], scene: Scene, applied: Mapping[str, Clock]) -> dict[int, ClockChange]:
-    """Clock changes by camera index, of the cameras with a clock in the scene that differs from the one applied.
+    """Return clock changes by camera index, for cameras whose clock in the scene differs from the one applied before.
 
     Args:
-        cameras: in the order of the indices.
+        cameras: cameras in the order of the indices.
         scene: states the clocks that count.
-        applied: clocks by camera name that the times were corrected by already; none: right.
+        applied: clocks by camera name that the times were corrected by already; missing: no error.
     """
     stated = clocks_of(scene)
     every = {c: ClockChange(applied.get(k.name, RIGHT), stated.get(k.name, RIGHT)) for c, k in enumerate(cameras)}

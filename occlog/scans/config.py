@@ -15,7 +15,7 @@ SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
 
 @dataclass(frozen=True)
 class DistanceMeasurementConfig(Settings):
-    """Parameters of ranges, signal strengths and time differences that the table does not state."""
+    """Settings of ranges, signal strengths and time differences: what the table of measurements does not state."""
 
     OWNER: ClassVar[str] = "measurements"
 
@@ -97,7 +97,7 @@ class DistanceMeasurementConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Check that the speed is a positive number or a known name."""
+        """Generate (setting, whether it fits, limit as text): the speed is a known name or a positive number."""
         yield (
             "propagation_speed",
             self.propagation_speed is None or self.speed is not None,
@@ -106,7 +106,7 @@ class DistanceMeasurementConfig(Settings):
 
     @property
     def speed(self) -> float | None:
-        """Speed of propagation [m/s]; None if not stated."""
+        """Return the speed of propagation [m/s]; None if not stated or not valid."""
         if self.propagation_speed is None:
             return None
         if self.propagation_speed in SPEEDS:

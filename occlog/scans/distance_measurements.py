@@ -52,7 +52,7 @@ are false."""
 
 
 class RangeDifferenceCheck:
-    """Counts range differences longer than the distance of their stations, over a stream."""
+    """Counts range differences, and those longer than the distance of their two stations, over a stream of parts."""
 
     def __init__(self) -> None:
         """Start without range differences."""
@@ -60,12 +60,12 @@ class RangeDifferenceCheck:
         self._first = ""
 
     def add(self, table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-        """Count range differences, and those that exceed the distance of their stations; see `check_plausible`.
+        """Count range differences, and those that exceed the distance of their stations by more than noise explains.
 
         Args:
             table: measurements.
             row: (m,) row in the table of each packed measurement.
-            packed: m of them.
+            packed: the m packed measurements.
         """
         differs = packed.kind == DIFFERENCE
         rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
@@ -78,7 +78,10 @@ class RangeDifferenceCheck:
         self._all, self._beyond = self._all + int(np.count_nonzero(differs)), self._beyond + len(beyond)
 
     def refuse(self) -> None:
-        """InputError if there are too many of them."""
+        """Raise InputError if more than half of the range differences so far are impossible.
+
+        Fewer than 5 are not judged.
+        """
         if self._all >= MIN_DIFFERENCES and self._beyond > MAX_IMPOSSIBLE_SHARE * self._all:
             raise InputError(
                 f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
@@ -88,19 +91,22 @@ class RangeDifferenceCheck:
 
 
 def _where(table: Measurements, n: int) -> str:
+    """Return the station and time of row `n` as text for a message."""
     return f"of {str(table.sensor[n])!r} at {time_words(table.t_ns[n])}"
 
 
 def check_plausible(
     table: Measurements, row: Ints, packed: RangeMeasurements, differences: RangeDifferenceCheck | None = None
 ) -> None:
-    """InputError, with station and time, for implausible measurements.
+    """Raise InputError, with station and time, for implausible measurements.
+
+    These are signals stronger than `STRONGEST_DBM`, negative ranges, too many too long differences, and duplicates.
 
     Args:
         table: the measurements, or a part of them that has all of each time.
-        row: (m,) rows of the table that the packed measurements are of.
-        packed: m measurements.
-        differences: counts those of a part, for whoever has all parts to refuse them; None: this is the whole.
+        row: (m,) row in the table of each packed measurement.
+        packed: the m packed measurements.
+        differences: counter of too long differences of all parts, which its owner refuses; None: this is the whole.
     """
     with np.errstate(invalid="ignore"):
         strong = np.flatnonzero(table.rssi > STRONGEST_DBM)
@@ -125,12 +131,12 @@ def check_plausible(
 
 
 def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) -> None:
-    """InputError for a duplicate range or difference, which would count twice.
+    """Raise InputError for a duplicate range or difference, which would count twice.
 
     Args:
         table: measurements.
         row: (m,) row in the table of each packed measurement.
-        packed: m of them.
+        packed: the m packed measurements.
     """
     exact = np.flatnonzero(packed.kind != LOGARITHM)  # two of whole dBm may well be equal
     own = row[exact]
@@ -155,7 +161,7 @@ MIN_INTERVAL_SHARE = 1e-3
 
 
 class SignalErrors(NamedTuple):
-    """White noise and correlated shadowing of signal strengths."""
+    """Errors of signal strengths: white noise, and shadowing that is correlated in time."""
 
     noise_db: float = NOISE_DB  # standard deviation of the white noise
     shadow_db: float = SHADOW_DB  # of the shadowing
@@ -167,10 +173,13 @@ LastReads = MutableMapping[tuple[str, int], int]
 
 
 def sigmas(shadowing: SignalErrors, since_s: Floats) -> Floats:
-    """(n,) standard deviations [dB] of reads for a filter that assumes white errors.
+    """Return (n,) standard deviations [dB] of strengths for a filter that assumes white errors.
+
+    The shadowing is correlated in time: the sooner a read follows the last one, the less new information it has, and
+    the larger is its standard deviation.
 
     Args:
-        shadowing: how errors are.
+        shadowing: noise and shadowing of the strengths.
         since_s: (n,) times since the last read of the same station and target [s]; inf: there was none.
     """
     share = np.maximum(since_s / (2.0 * shadowing.shadow_s), MIN_INTERVAL_SHARE / 2.0)
@@ -178,12 +187,13 @@ def sigmas(shadowing: SignalErrors, since_s: Floats) -> Floats:
 
 
 def with_sigmas(table: Measurements, shadowing: SignalErrors, last: LastReads | None) -> Measurements:
-    """Table with a standard deviation for each strength.
+    """Return the table with a standard deviation for each signal strength that does not state its own.
 
     Args:
-        table: in the order of time.
-        shadowing: how errors are.
-        last: last reads of earlier parts of the table; those of this part are put in.  None: every read counts in full.
+        table: measurements in the order of time.
+        shadowing: noise and shadowing of the strengths.
+        last: times of the last reads of earlier parts of the table, updated in place; None: every read counts as a
+            first.
     """
     own = np.flatnonzero(np.isfinite(table.rssi))
     if not len(own):
@@ -195,12 +205,12 @@ def with_sigmas(table: Measurements, shadowing: SignalErrors, last: LastReads | 
 
 
 def _since(table: Measurements, own: Ints, last: LastReads) -> Floats:
-    """(n,) time since the last strength of the same station and target [s]; inf if there was none.
+    """Return (n,) times since the last strength of the same station and target [s]; inf if there was none.
 
     Args:
         table: measurements.
-        own: (n,) its rows with a strength.
-        last: time of the last strength by station and target, of earlier chunks; updated.
+        own: (n,) indices of the rows with a strength.
+        last: time of the last strength by station and target, of earlier parts; updated in place.
     """
     since = np.full(len(own), np.inf)
     names, station = np.unique(table.sensor[own], return_inverse=True)
@@ -220,7 +230,7 @@ WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference",
 
 
 class Radio(NamedTuple):
-    """A fitted path loss model of signal strengths."""
+    """A fitted path loss model of signal strengths: power of each station, exponent, errors, height of tags."""
 
     power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
     exponent: float
@@ -229,7 +239,7 @@ class Radio(NamedTuple):
 
 
 class StationModel(NamedTuple):
-    """The S sensors of a scene (direction sensors first), with the parameters needed for distances."""
+    """The S sensors of a scene as stations: names, positions, powers, and the length of one metre."""
 
     names: tuple[str, ...]
     position: Floats  # (S, 3); NaN where it is not known
@@ -238,12 +248,12 @@ class StationModel(NamedTuple):
 
 
 def station_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all sensors of a scene: direction sensors in order, then readers."""
+    """Return the names of all sensors of a scene: cameras, microphone arrays, then readers."""
     return (*sensor_names(scene), *(r.name for r in scene.readers))
 
 
 def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio | None = None) -> StationModel:
-    """Sensors of a scene for distance measurements.
+    """Return the sensors of a scene as stations for distance measurements.
 
     The powers of a fitted `radio` have priority over those in the scene, and these over `config.rssi_power`.
     """
@@ -258,7 +268,7 @@ def make_stations(scene: Scene, config: DistanceMeasurementConfig, radio: Radio 
 
 
 def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
-    """Convert tag reads to signal strengths; reads without a strength are omitted."""
+    """Generate tag reads as measurements of signal strength, chunk by chunk; reads without a strength are omitted."""
     for chunk in chunks:
         measured = chunk.take(np.isfinite(chunk.rssi))
         nan = np.full(len(measured), np.nan)
@@ -274,7 +284,10 @@ def measurements_of_reads(chunks: Iterable[Reads]) -> Iterator[Measurements]:
 
 
 class DistanceMeasurementFeed:
-    """Packs distance measurements, and joins them with the scans of directions, in the order of time."""
+    """Stream of distance measurements, packed and joined with the scans of directions, in the order of time.
+
+    `names` are the stations; `RangeMeasurements.station` is an index into them.
+    """
 
     def __init__(
         self,
@@ -288,11 +301,12 @@ class DistanceMeasurementFeed:
         """Start before the first chunk.
 
         Args:
-            chunks: measurements in the order of time; where they are cut does not matter.
+            chunks: measurements in the order of time; their division does not matter.
             scene: must have the stations.
-            config: what the table does not say.
-            radio: a fitted path loss; None: as the scene and the settings say.
-            with_times: each scan stands alone, so that it does not matter how long shadowing lasts.
+            config: what the table does not state.
+            radio: a fitted path loss; None: that of the scene and the settings.
+            with_times: the method models errors in time, so that every read has the full standard deviation of a single
+                one.
         """
         self._with_times = with_times
         self._chunks, self._config, self._radio = chunks, config, radio
@@ -308,13 +322,13 @@ class DistanceMeasurementFeed:
         targets: Collection[int] | None = None,
         window_ns: int = 0,
     ) -> Iterator[Scan]:
-        """Generate all scans in the order of time: of directions, of measurements, or of both within the window.
+        """Generate all scans in the order of time: of directions, of distances, or of both if within the window.
 
         Args:
-            scans: of directions.
-            sensors: names of the stations to use; None: all.  A difference needs both of its stations.
-            targets: to use; None: all.
-            window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
+            scans: scans of directions.
+            sensors: names of the stations to use; None: all. A difference needs both of its stations.
+            targets: identities of the targets to use; None: all.
+            window_ns: a scan and measurements at most this far apart [ns] are one scan, of the time of the later.
 
         Raises:
             InputError: a station is not in the scene or has no position there, a value lacks its standard deviation or
@@ -337,11 +351,11 @@ class DistanceMeasurementFeed:
     def _scans(
         self, sensors: Collection[str] | None, targets: Collection[int] | None, window_ns: int
     ) -> Iterator[Scan]:
-        """Generate scans of measurements only.
+        """Generate scans of distance measurements only.
 
         Args:
-            sensors: names of those to use; None: all.
-            targets: identities of those to use; None: all.
+            sensors: names of the stations to use; None: all.
+            targets: identities of the targets to use; None: all.
             window_ns: rows up to this much after the first are one scan [ns].
         """
         rest: Measurements | None = None
@@ -372,7 +386,10 @@ class DistanceMeasurementFeed:
             yield from self._packed(rest, [0, len(rest)])
 
     def _packed(self, table: Measurements, starts: list[int]) -> Iterator[Scan]:
-        """Generate a scan for each pair of starts."""
+        """Generate a scan of the rows between each two consecutive `starts`, at the time of its last row.
+
+        The scans are also stored for `passed`.
+        """
         if starts[-1] == 0:
             return
         row, distances = pack(table.take(slice(0, starts[-1])), self._stations, self._config, self._radio)
@@ -383,7 +400,7 @@ class DistanceMeasurementFeed:
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
 
     def passed(self, until_ns: int) -> list[tuple[int, ScanMeasurements]]:
-        """Times [ns] and measurements up to `until_ns`, since the last call."""
+        """Return times [ns] and measurements of the scans up to `until_ns` that no earlier call has returned."""
         n = sum(t_ns <= until_ns for t_ns, _ in self._passed)
         out, self._passed = self._passed[:n], self._passed[n:]
         return out
@@ -392,9 +409,13 @@ class DistanceMeasurementFeed:
 def with_strengths(
     table: Measurements, config: DistanceMeasurementConfig, radio: Radio | None, last: LastReads | None
 ) -> Measurements:
-    """Return the table with standard deviations of all signal strengths.
+    """Return the table with standard deviations of all signal strengths that do not state their own.
 
-    They are from `config.sigma_rssi`, or else from the shadowing of `radio`; `last` as in `with_sigmas`.
+    Args:
+        table: measurements in the order of time.
+        config: settings; `sigma_rssi` is used if set.
+        radio: fitted path loss with noise and shadowing; None: the defaults.
+        last: times of the last reads of earlier parts, updated in place; None: every read counts as a first.
     """
     if config.sigma_rssi is not None:
         own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)
@@ -403,9 +424,9 @@ def with_strengths(
 
 
 def _starts(t_ns: Ints, window_ns: int) -> list[int]:
-    """First rows of the scans in rising times `t_ns` (n,); the last scan may continue in the next chunk.
+    """Return the first rows of the scans in nondecreasing times `t_ns` (n,); the last scan may go on in the next chunk.
 
-    A row belongs to a scan up to `window_ns` after its first; 0: if it has the same time.
+    A row belongs to a scan up to `window_ns` after its first row; 0: if it has the same time.
     """
     if window_ns == 0:
         return [0, *(np.flatnonzero(np.diff(t_ns)) + 1).tolist()]
@@ -423,20 +444,21 @@ def pack(
     radio: Radio | None = None,
     differences: RangeDifferenceCheck | None = None,
 ) -> tuple[Ints, RangeMeasurements]:
-    """Pack all measurements of a table, sorted by row; a row may have several.
+    """Return the measurements of a table in the form of the likelihood, sorted by row; a row may have several.
 
     Args:
-        table: in the order of time.
+        table: measurements in the order of time.
         at: the stations.
         config: standard deviations and other properties that the table does not state.
         radio: a fitted path loss; None: that of the scene and the settings.
-        differences: counts implausible range differences, to be refused at the end; None: they are refused here.
+        differences: counter of too long range differences, which its owner refuses; None: they are refused here.
 
     Returns:
         (m,) rows of the table, and the m measurements.
 
     Raises:
-        InputError: as `DistanceMeasurementFeed.joined`.
+        InputError: a station is not in the scene or has no position, a value lacks its standard deviation or what else
+            it needs, or is implausible.
     """
     table = with_strengths(table, config, radio, {})
     station = _numbers(table.sensor, at, "sensor")
@@ -498,11 +520,14 @@ def _as_length(
     config: DistanceMeasurementConfig,
     radio: Radio | None,
 ) -> tuple[int, Floats, Floats]:
-    """Kind, values (n,) and standard deviations (n,) of one column for `RangeMeasurements`; NaN: not stated.
+    """Return kind, values (n,) and standard deviations (n,) of one column for `RangeMeasurements`; NaN: not stated.
+
+    Times become lengths by the speed of propagation, strengths logarithms of lengths by the path loss. InputError for
+    times without that speed.
 
     Args:
-        name: of the column.
-        table: n rows.
+        name: name of the column.
+        table: n rows with a value in it.
         at: all stations.
         station: (n,) index of each row's station.
         config: speed of propagation, default standard deviations and the path loss.
@@ -531,11 +556,12 @@ def _as_length(
 
 
 def _filled(sigma: Floats, usual: float | None) -> Floats:
+    """Return standard deviations with `usual` in place of those not stated (NaN); unchanged if it is None."""
     return sigma if usual is None else np.where(np.isfinite(sigma), sigma, usual)
 
 
 def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
-    """(n,) indices in `at` of the stations `names` (n,); InputError for one that is missing, or has no position.
+    """Return (n,) indices in `at` of the stations `names` (n,); InputError for one that is missing, or has no position.
 
     `column` is the name of their column, for messages.
     """
@@ -552,13 +578,13 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
 
 
 def _rise2(at: StationModel, station: Ints, reference: Ints, height: float | None) -> Floats:
-    """(S,) squared heights of the S stations above the targets; InputError if needed and unknown.
+    """Return (S,) squared heights of the stations over the targets; InputError if needed and unknown.
 
     Args:
-        at: the stations.
-        station: indices of those in use.
-        reference: indices of those in use as references.
-        height: of the targets; None: not stated, so that all must be in the plane z = 0 (0 for all).
+        at: the S stations.
+        station: indices of the stations in use.
+        reference: indices of the stations in use as references.
+        height: height of the targets; None: not stated, so that all stations in use must have z = 0 (0 for all).
     """
     used: Bools = np.isin(np.arange(len(at.names)), np.concatenate([station, reference]))
     z = np.where(used, at.position[:, 2], 0.0)

@@ -20,19 +20,19 @@ from occlog.records.tables import UNLABELLED, Bearings
 
 
 class ScanMeasurements(NamedTuple):
-    """Distance measurements of stations at one time; see `occlog.scans.distance_measurements`."""
+    """m distance measurements of stations at one time, with the target of each."""
 
     target_id: Ints32  # (m,) >= 0
     distances: RangeMeasurements  # m measurements
 
     def of_target(self, target: int) -> ScanMeasurements | None:
-        """Measurements of a target; None without any."""
+        """Return the measurements of target `target`; None without any."""
         own = self.target_id == target
         return ScanMeasurements(self.target_id[own], self.distances.take(own)) if own.any() else None
 
 
 class Scan(NamedTuple):
-    """Measurements of all sensors at one time: R rows with the columns of `occlog.records.tables.Bearings`, by sensor.
+    """Measurements of all sensors at one time: R rows with the columns of the table `Bearings`, by sensor.
 
     A sensor has one row for each label, and a row for each candidate, or one that is not `seen`. A sensor without a row
     had no frame. A scan is a plain tuple of arrays, without the validation of tables, for speed.
@@ -54,7 +54,7 @@ class Scan(NamedTuple):
 
     @classmethod
     def of(cls, t_ns: int, sensor: Sequence[int] | Ints, **columns: ArrayLike) -> Scan:
-        """Create a scan from array-likes; omitted columns are unlabelled, seen, and NaN.
+        """Return a scan made of array-likes; columns not given are unlabelled, seen, and NaN.
 
         Args:
             t_ns: time [ns].
@@ -69,15 +69,18 @@ class Scan(NamedTuple):
 
     @property
     def labelled(self) -> Bools:
-        """(R,) mask of rows with a known target."""
+        """Return (R,) booleans: the row is labelled with a target."""
         return np.asarray(self.target_id != UNLABELLED)
 
     def take(self, rows: Bools | Ints | slice) -> Scan:
-        """Select rows by a mask, a slice or an index array."""
+        """Return the scan with the rows selected by a mask, a slice or indices; distances and occluders stay."""
         return Scan._make((self.t_ns, *(column[rows] for column in self[1:-2]), self.occluders, self.measured))
 
     def of_target(self, target: int) -> Scan | None:
-        """A target's own rows, and candidates of sensors without a row for it; None if there are none."""
+        """Return a target's own rows and distances, and candidates of sensors without a row for it.
+
+        None if there are none.
+        """
         own = self.target_id == target
         rows, free = own, self.target_id == UNLABELLED
         if free.any():
@@ -92,12 +95,12 @@ class Scan(NamedTuple):
 
     @property
     def targets(self) -> set[int]:
-        """Targets in labelled rows or measurements."""
+        """Return the identities of the targets in labelled rows or distance measurements."""
         named = set(self.target_id[self.labelled].tolist())
         return named if self.measured is None else named.union(self.measured.target_id.tolist())
 
     def by_sensor(self) -> Iterator[tuple[int, Scan]]:
-        """Each sensor with rows, sorted, with its `seen` rows (empty if nothing was detected)."""
+        """Generate (index, scan) for each sensor with rows, in order; the scan has its `seen` rows, possibly none."""
         for sensor in np.unique(self.sensor).tolist():
             yield sensor, self.take((self.sensor == sensor) & self.seen)
 
@@ -109,7 +112,7 @@ COLUMNS = tuple(name for name in Scan._fields if name not in ("t_ns", "occluders
 
 
 def concat(scans: Sequence[Scan]) -> Scan:
-    """Concatenate the rows of at least one scan; time and occluders are those of the last.
+    """Return the rows of several scans (at least one) as one; time and occluders are those of the last.
 
     Distance measurements are omitted.
     """
@@ -118,17 +121,23 @@ def concat(scans: Sequence[Scan]) -> Scan:
 
 
 def empty_scan(t_ns: int, sensors: Sequence[int]) -> Scan:
-    """Return a scan at `t_ns` [ns] of sensors (sorted indices) without any detection: an unlabelled row for each."""
+    """Return a scan at `t_ns` [ns] without any detection: an unlabelled, not seen row for each sensor.
+
+    `sensors` are indices of sensors, increasing.
+    """
     return Scan.of(t_ns, sensors, seen=np.zeros(len(sensors), dtype=np.bool_))
 
 
 def sensor_names(scene: Scene) -> tuple[str, ...]:
-    """Names of all sensors of a scene, cameras first; `Scan.sensor` is an index into them."""
+    """Return the names of all sensors of a scene: cameras, then microphone arrays.
+
+    `Scan.sensor` is an index into them.
+    """
     return (*(c.name for c in scene.cameras), *(a.name for a in scene.arrays))
 
 
 class BearingRows(NamedTuple):
-    """Selection of rows of bearings by sensor, target and label."""
+    """Selection of rows of bearings: sensors by name, targets (None: all), and whether unlabelled rows count."""
 
     sensors: Collection[str]
     targets: Collection[int] | None = None  # labelled rows of others are omitted; None: all
@@ -136,18 +145,18 @@ class BearingRows(NamedTuple):
 
 
 def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_ns: int = 0) -> Iterator[Scan]:
-    """Generate scans in the order of time, independent of chunk borders.
+    """Generate scans from bearings in the order of time; the result does not depend on the chunks.
 
     Args:
         chunks: bearings in the order of time.
         scene: must have the sensors.
         use: which rows to use.
-        window_ns: rows at most this far apart form one scan, unless a sensor speaks at two
-            times; the scan's time is that of its last row.
+        window_ns: rows at most this far apart [ns] form one scan, unless a sensor would have two times in it; the
+            scan's time is that of its last row.
 
     Raises:
-        InputError: a sensor that the scene does not have or that has no pose, times that go back
-            from one chunk to the next, or two rows of a sensor for one target and time.
+        InputError: a sensor that the scene does not have or that has no pose, times that go back from one chunk to the
+            next, or two rows of a sensor for one target and time.
     """
     names = sensor_names(scene)
     unplaced = {c.name for c in scene.cameras if not c.placed} & set(use.sensors)
@@ -173,7 +182,7 @@ def scans_of(chunks: Iterable[Bearings], scene: Scene, use: BearingRows, window_
 
 
 def checked(chunks: Iterable[Bearings], scene: Scene, sensors: Collection[str]) -> Iterator[Bearings]:
-    """Generate the chunks; InputError for rows of an unknown sensor, or of one in `sensors` without a pose."""
+    """Generate the chunks; InputError for rows of an unknown sensor, or of a camera in `sensors` without a pose."""
     names = sensor_names(scene)
     unplaced = {c.name for c in scene.cameras if not c.placed} & set(sensors)
     count = 0
@@ -184,6 +193,10 @@ def checked(chunks: Iterable[Bearings], scene: Scene, sensors: Collection[str]) 
 
 
 def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], offset: int) -> None:
+    """Raise InputError for a row of a sensor that is not in `names`, or is in `unplaced` (cameras without a pose).
+
+    `offset` is the number of rows before the chunk, for the message.
+    """
     found, first = np.unique(chunk.sensor, return_index=True)
     for name, row in zip(found.tolist(), (first + offset).tolist(), strict=True):
         if name not in names:
@@ -199,13 +212,14 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
 
 
 def nearest(name: str, names: tuple[str, ...]) -> str:
-    """Hint for an unknown sensor: the most similar name, or all names."""
+    """Return a hint for an unknown name, as text: the most similar one of `names`, or all of them."""
     similar = [known for known in names if known.casefold() == name.casefold()]
     near = similar or get_close_matches(name, names, n=1)
     return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
 
 
 def _chosen(chunk: Bearings, use: BearingRows) -> Bearings:
+    """Return the rows of a chunk that the selection `use` keeps."""
     keep = np.isin(chunk.sensor, list(use.sensors))
     if use.targets is not None:
         keep &= np.isin(chunk.target_id, [*use.targets, UNLABELLED])
@@ -215,7 +229,7 @@ def _chosen(chunk: Bearings, use: BearingRows) -> Bearings:
 
 
 def _starts(table: Bearings, window_ns: int) -> list[int]:
-    """First rows of the scans in a table sorted by time; the last scan may continue in the next chunk.
+    """Return the first rows of the scans in a table sorted by time; the last scan may go on in the next chunk.
 
     A scan ends `window_ns` after its first row, and before a second time of one sensor; with 0 it is of one time.
     """
@@ -234,10 +248,12 @@ def _starts(table: Bearings, window_ns: int) -> list[int]:
 def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Scan]:
     """Generate the scans between consecutive starts; rows from the last start on are left out.
 
+    InputError if a sensor has two rows for a target in a scan.
+
     Args:
         table: bearings, sorted by time.
-        starts: first rows of scans.
-        names: of all sensors, in the order of their indices.
+        starts: first rows of the scans.
+        names: names of all sensors, in the order of their indices.
     """
     n = starts[-1]
     if n == 0:
@@ -255,12 +271,12 @@ def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterat
 
 
 def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> None:
-    """InputError if a sensor has two rows for a target in one scan.
+    """Raise InputError if a sensor has two rows for a target in one scan.
 
     Args:
         table: bearings.
         sensor: (n,) index of each row's sensor.
-        scan: (n,) number of each row's scan.
+        scan: (n,) number of each row's scan, nondecreasing.
         order: (n,) rows sorted by scan, sensor and target.
     """
     target = table.target_id[order]
@@ -280,13 +296,13 @@ def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> Non
 def choose_sensors(
     scene: Scene, only: Iterable[str] = (), without: Iterable[str] = (), *, readers: bool = False
 ) -> frozenset[str]:
-    """Names of the sensors to use; UsageError for an unknown name, or if none is left.
+    """Return the names of the sensors to use; UsageError for an unknown name, or if none is left.
 
     Args:
         scene: has the sensors.
         only: names to choose from; empty: all.
         without: names to leave out.
-        readers: readers count as sensors.
+        readers: tag readers count as sensors, too.
     """
     names = (*sensor_names(scene), *(r.name for r in scene.readers if readers))
     only, without = list(only), list(without)

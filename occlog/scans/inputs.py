@@ -25,7 +25,11 @@ T = TypeVar("T", bound=ColumnTable)
 
 
 class MeasurementInputs:
-    """All measurements as one stream, with the scene and earlier losses."""
+    """All measurements of `track`, `label` or `fuse` as one stream, with the scene and recorded losses.
+
+    `chunks`: bearings in the order of time. `measurements`: distances, None without. `occluders`: priors of moving
+    occluders, None without.
+    """
 
     def __init__(
         self,
@@ -39,17 +43,17 @@ class MeasurementInputs:
         distances: bool = False,
         reads: bool = False,
     ) -> None:
-        """Open all inputs; only headers are read.
+        """Open all inputs; only headers are read. UsageError or InputError if they do not fit.
 
         Args:
             bearings: bearings or directions of arrival, or what `distances` allows.
-            scene: None: that of the recording.
-            doa: directions of arrival also.
-            doa_labels: identities of these are those of targets.
-            occluders: priors of moving occluders.
-            measurements: ranges, signal strengths and time differences also, or reads of tags.
-            distances: `bearings` may hold measurements alone.
-            reads: it may also be a recording with reads of tags alone.
+            scene: scene; None: that of the recording.
+            doa: directions of arrival in addition.
+            doa_labels: identities of directions of arrival are those of targets.
+            occluders: priors of moving occluders, or true positions.
+            measurements: ranges, signal strengths and time differences, or reads of tags, in addition.
+            distances: `bearings` may hold measurements of distances alone.
+            reads: `bearings` may also be a recording with reads of tags alone.
         """
         self._opened: list[Opened] = []
         measured = open_input(bearings)
@@ -92,11 +96,11 @@ class MeasurementInputs:
 
     @property
     def losses(self) -> tuple[Loss, ...]:
-        """Losses recorded in the inputs, without duplicates, in the order of opening."""
+        """Return the losses recorded in the inputs, without duplicates, in the order of opening."""
         return input_losses(self._opened)
 
     def _measurements(self, inputs: list[Opened]) -> Iterator[Measurements] | None:
-        """Distance measurements of all inputs, including reads of tags; None without any."""
+        """Return the distance measurements of all inputs as one stream, including reads of tags; None without any."""
         streams: list[Iterable[Measurements]] = []
         for each in inputs:
             each.require(Measurements, Reads, remedy="give ranges, signal strengths or time differences")
@@ -107,18 +111,21 @@ class MeasurementInputs:
         return within_times(streams) if streams else None
 
     def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
-        """Priors of moving occluders; true positions are exactly known priors."""
+        """Return the priors of moving occluders in a file; true positions are priors with covariance 0."""
         opened = open_input(path, Truth, Hulls, Occluders)
         if opened.has(Truth):
             return known_positions(self._rows(opened, Truth))
         return self._rows(opened, Hulls) if opened.has(Hulls) else self._rows(opened, Occluders)
 
     def open(self, path: Path, table: type[T]) -> Iterator[T]:
-        """Read a table in chunks, from a recording or a table file; InputError if the file has no such table."""
+        """Return the chunks of a table in a recording or a table file; InputError if the file has no such table."""
         return self._rows(open_input(path), table)
 
     def _rows(self, opened: Opened, table: type[T]) -> Iterator[T]:
-        """Chunks of a table; records the input's losses, and checks its length unit against the scene."""
+        """Return the chunks of a table of an open input, whose losses are recorded.
+
+        An error if its length unit is not the scene's.
+        """
         rows = opened.rows(table)
         self._opened.append(opened)
         if opened.has_lengths(table):
@@ -127,11 +134,12 @@ class MeasurementInputs:
 
 
 def _opened(path: Path | None) -> list[Opened]:
+    """Return the open input with measurements or reads at `path`, in a list; empty for None."""
     return [] if path is None else [open_input(path, Measurements, Reads)]
 
 
 def _remedy(measured: Opened) -> str:
-    """Remedy for a recording without measurements."""
+    """Return what to do, as text, where an input has no bearings or directions of arrival."""
     if measured.recording is not None and measured.has(Reads):
         return "track the reads of its tags with method rssi or virtual"
     if measured.recording is not None and measured.recording.cameras:
@@ -144,7 +152,7 @@ def _remedy(measured: Opened) -> str:
 
 
 def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:
-    """Generate the chunks; InputError without rows."""
+    """Generate the chunks; InputError at the end if there was no row."""
     rows = 0
     for chunk in chunks:
         rows += len(chunk)

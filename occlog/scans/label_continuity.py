@@ -39,7 +39,7 @@ MAX_LABELS = 200
 
 
 class LabelExchange(NamedTuple):
-    """An interval in which the labels of two targets are exchanged."""
+    """An interval in which the labels of two targets are exchanged, in one sensor or (sensor "") in all."""
 
     targets: tuple[int, int]
     sensor: str  # empty: all sensors
@@ -48,7 +48,7 @@ class LabelExchange(NamedTuple):
 
 
 class LabelJump(NamedTuple):
-    """A label that continues at a distant position."""
+    """A label that continues at a distant position, with the speed [length/s] that this implies and the limit of it."""
 
     target: int
     begin_ns: int  # first bearing of the new position
@@ -60,17 +60,17 @@ class LabelJump(NamedTuple):
 
 @dataclass
 class LabelEvents:
-    """Exchanged and jumping labels that were found.
+    """Exchanged and jumping labels that were found in a stream of bearings.
 
     Attributes:
-        exchanges: in the order of time.
-        jumps: in the order of time.
-        repaired: the labels of the exchanges were exchanged back.
-        labels: how many were followed.
-        origin_ns: time of the first bearing.
-        contradicting: targets, times and sensors of bearings that contradict the motion of their target.
-        motion: of each target the geometric mean of the factor by which its motion's variance exceeds what is stated,
-            of `MIN_BEARINGS` bearings or more.
+        exchanges: exchanges of labels, in the order of time.
+        jumps: jumps of labels, in the order of time.
+        repaired: the labels of the exchanges were corrected.
+        labels: number of labels followed.
+        origin_ns: time of the first bearing [ns].
+        contradicting: target, time and sensor of bearings that contradict the motion of their target.
+        motion: by target, the geometric mean of the factor by which its motion's variance exceeds what is stated; only
+            of targets with `MIN_BEARINGS` bearings or more.
     """
 
     exchanges: list[LabelExchange]
@@ -92,7 +92,7 @@ class LabelEvents:
                 yield chunk
 
     def at(self, t_ns: Ints, target_id: Ints32) -> tuple[Bools, Bools]:
-        """Two (N,) masks of rows: those while labels of their target were exchanged, and those while its label jumped.
+        """Return two (N,) masks of rows: labels of the row's target were exchanged then, and its label jumped then.
 
         Args:
             t_ns: (N,) times [ns].
@@ -108,7 +108,7 @@ class LabelEvents:
 
 
 class LabelContinuity:
-    """Checks the labels of a stream of bearings."""
+    """Checks the labels of a stream of bearings by the continuity of motion; `events` are the findings so far."""
 
     def __init__(
         self, scene: Scene, usual_speed: float, walk: WalkingSpeed, used: Collection[str], *, repair: bool
@@ -116,11 +116,11 @@ class LabelContinuity:
         """Start without labels.
 
         Args:
-            scene: the sensors.
-            usual_speed: of targets (RMS).
-            walk: how they move.
+            scene: scene with the sensors.
+            usual_speed: usual speed (RMS) of targets [length/s].
+            walk: motion model of targets.
             used: names of the sensors that count.
-            repair: exchange labels back.
+            repair: correct exchanged labels.
         """
         sensors = [(c.name, c.position, c.sigma_position, c.sigma_yaw) for c in scene.cameras if c.placed]
         sensors += [(a.name, a.position, 0.0, 0.0) for a in scene.arrays if a.upright]
@@ -142,7 +142,10 @@ class LabelContinuity:
         self._identity = np.empty(0, dtype=np.int64)  # of the held rows that were followed
 
     def watch(self, chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-        """Generate the chunks, with corrected labels if requested; undecided rows are delayed by at most a second."""
+        """Generate the chunks, with corrected labels if `repair` is set.
+
+        Undecided rows are delayed by at most a second.
+        """
         for chunk in chunks:
             if not len(self._held) and not np.any(chunk.target_id != UNLABELLED):
                 yield chunk
@@ -152,7 +155,7 @@ class LabelContinuity:
         yield from self._passed(last=True)
 
     def _passed(self, *, last: bool) -> Iterator[Bearings]:
-        """Process the buffered rows, and generate those that are decided.
+        """Process the buffered rows, and generate those whose identities are decided.
 
         `last`: no more rows come, so that all are decided.
         """
@@ -177,7 +180,10 @@ class LabelContinuity:
         yield out
 
     def _follow(self, rows: Bearings, begun: int) -> int:
-        """Determine the identities of rows from `begun` on; return the time from which they may still change."""
+        """Determine the identities of the buffered rows from index `begun` on, and record the events found.
+
+        Return the time [ns] from which identities may still change.
+        """
         if self._origin_ns is None:
             self._origin_ns = self.events.origin_ns = int(rows.t_ns[0])
         labelled = rows.target_id != UNLABELLED
@@ -224,12 +230,12 @@ class LabelContinuity:
         return int(rows.t_ns[-1]) + 1 if math.isinf(open_s) else self._time(open_s)
 
     def _time(self, seconds: float) -> int:
-        """Time [ns] of a row at `seconds` after the first one."""
+        """Return the time [ns] of a row at `seconds` after the first one."""
         assert self._origin_ns is not None
         return self._origin_ns + round(seconds * NS)
 
     def _add(self, event: list[float]) -> None:
-        """Record an event of the kernel."""
+        """Record an event of `follow_labels` (7 numbers): an exchange, or a jump if its speed exceeds the limit."""
         kind, at_s, speed, first, second, third, distance = event
         if kind == EXCHANGED:
             names = {s: name for name, s in self._number.items()}
@@ -242,7 +248,10 @@ class LabelContinuity:
             self.events.jumps.append(LabelJump(target, self._time(at_s), self._time(third), distance, speed, allowed))
 
     def _exchange(self, targets: tuple[int, int], sensor: str, t_ns: int) -> None:
-        """Start an exchange of the labels of two targets in a sensor at `t_ns` [ns], or end it there if it is open."""
+        """Record the beginning of an exchange of two targets' labels in a sensor at `t_ns` [ns], or its end.
+
+        It is the end if an exchange of the two in this sensor is open. `sensor` is empty for all sensors.
+        """
         exchanges = self.events.exchanges
         for n, one in enumerate(exchanges):
             if one.targets == targets and one.sensor == sensor and one.end_ns is None:
@@ -252,7 +261,7 @@ class LabelContinuity:
 
 
 def _empty(labels: int, sensors: int) -> ContinuityState:
-    """Return label filters without states for a number of labels and sensors."""
+    """Return the state of the label filters before the first bearing, for a number of labels and sensors."""
     return ContinuityState(
         mean=np.zeros((labels, 4)),
         covariance=np.zeros((labels, 4, 4)),
@@ -277,7 +286,7 @@ def _empty(labels: int, sensors: int) -> ContinuityState:
 
 
 def _grown(state: ContinuityState, labels: int) -> ContinuityState:
-    """Return the state with filters for further labels, `labels` in all."""
+    """Return the state with filters for more labels, `labels` in all; those of earlier labels are kept."""
     K, out = len(state.known), _empty(labels, len(state.identity))
     for name, values in zip(ContinuityState._fields, state, strict=True):
         new: Floats = getattr(out, name)

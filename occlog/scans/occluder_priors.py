@@ -21,15 +21,15 @@ from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 
 
 class OccluderFeed:
-    """Stream of priors, queried at nondecreasing times."""
+    """Stream of priors of moving occluders, queried at nondecreasing times."""
 
     def __init__(self, chunks: Iterable[Occluders] | Iterable[Hulls], diameter: float, max_age_ns: int) -> None:
         """Start before the first chunk.
 
         Args:
-            chunks: priors in the order of time; where they are cut does not matter.
-            diameter: D of every occluder, > 0, in the scene's unit.
-            max_age_ns: priors older than this are not used.
+            chunks: priors in the order of time; their division does not matter.
+            diameter: diameter of every occluder [length], > 0.
+            max_age_ns: priors older than this [ns] are not used.
         """
         self._ahead = _by_time(chunks)
         self._next = next(self._ahead, None)
@@ -43,9 +43,9 @@ class OccluderFeed:
         """How often the latest priors were too old to be used."""
 
     def at(self, t_ns: int) -> Priors | None:
-        """Latest priors at or before `t_ns` [ns]; None if there are none, or if they are too old.
+        """Return the latest priors at or before `t_ns` [ns]; None if there are none, or if they are too old.
 
-        InputError if times of priors decrease, or a polygon has no area.
+        InputError if times of priors decrease, or a polygon is not valid.
         """
         passed = None
         while self._next is not None and self._next[0] <= t_ns:
@@ -63,7 +63,7 @@ class OccluderFeed:
 
 
 def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[int, Occluders | Hulls]]:
-    """Generate the rows of each time, in order; InputError if times go back."""
+    """Generate (time [ns], rows) of each time, in order; InputError if times go back."""
     rest: Occluders | Hulls | None = None
     for chunk in chunks:
         if not len(chunk):
@@ -85,7 +85,7 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    """Priors of the rows of one time; a row without occluder (id below 0) means that there are none.
+    """Return the priors of moving occluders in the rows of one time; none for a row without occluder (id below 0).
 
     `diameter` is that of each occluder; InputError for a polygon that is not valid.
     """
@@ -106,9 +106,9 @@ def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
 
 
 def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
-    """Generate priors at the true positions, with covariance 0: the case RMSE_occ = 0 of [Ercan].
+    """Generate priors of moving occluders at their true positions, with covariance 0: the case RMSE_occ = 0 of [Ercan].
 
-    A time without moving occluders has a row without occluder.
+    A time without moving occluders has a row without occluder (id -1).
     """
     for chunk in _whole_times(truth):
         there = chunk.take(chunk.role == "occluder")
@@ -121,7 +121,7 @@ def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
 
 
 def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
-    """Generate the rows in other chunks, so that no time is split."""
+    """Generate the rows in chunks that do not divide a time."""
     rest = Truth.empty()
     for chunk in chunks:
         table = Truth.concat([rest, chunk])
@@ -134,7 +134,7 @@ def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
 
 
 def none_at(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Occluders:
-    """Rows stating that there is no moving occluder at these times."""
+    """Return rows that state that there is no moving occluder at these times (N,) [ns]."""
     n = len(t_ns)
     nothing = np.full(n, np.nan)
     return Occluders(
@@ -152,7 +152,7 @@ T = TypeVar("T", Tracks, Truth)
 
 
 class PeopleAsObstacles(NamedTuple):
-    """Settings of people as obstacles."""
+    """Settings by which people of a file become moving obstacles: size, gaps that are bridged, and time steps."""
 
     radius: float  # of each
     sigmas: float  # standard deviations, along the widest axis of a track's covariance, by which they are larger
@@ -162,13 +162,13 @@ class PeopleAsObstacles(NamedTuple):
 
 
 def moving_people(opened: Opened, length_unit: str, start_s: float, people: PeopleAsObstacles) -> MovingObstacleTracks:
-    """People of a file from a start to the last possible step.
+    """Return the people of a file as moving obstacles, from a start to the last possible step.
 
     Args:
-        opened: holds tracks or a truth.
-        length_unit: of the scene; the file's must be the same.
-        start_s: step 0, after the first row of the file.
-        people: how they are taken.
+        opened: file with tracks or a truth.
+        length_unit: length unit of the scene; the file's must be equal.
+        start_s: time of step 0 after the first row of the file [s].
+        people: size of people, gaps and time steps.
 
     Raises:
         InputError: lengths in another unit, or no rows in that time.
@@ -188,20 +188,23 @@ def moving_people(opened: Opened, length_unit: str, start_s: float, people: Peop
 
 
 def obstacles_of(rows: Tracks | Truth, start_ns: int, people: PeopleAsObstacles) -> MovingObstacleTracks:
-    """People of a table as moving obstacles, in steps from `start_ns` [ns] on; those of a truth have no covariance."""
+    """Return the people of a table as moving obstacles, in steps from `start_ns` [ns] on.
+
+    Their radius is increased by standard deviations of the track; people of a truth have no covariance.
+    """
     positions = np.column_stack([rows.x, rows.y, people.radius + people.sigmas * _deviation(rows)])
     clock, limit_ns = StepClock(start_ns, people.step_s), round(people.max_gap_s * NS)
     return MovingObstacleTracks(rows.t_ns, rows.target_id, positions, clock, limit_ns)
 
 
 def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObstacles) -> tuple[int, T]:
-    """Read the rows of a table that all steps need, and the longest gap (`people.max_gap_s`) before and after.
+    """Read the rows of a table that all steps need, with the longest gap (`people.max_gap_s`) before and after.
 
     Args:
-        opened: file.
-        table: kind of table.
+        opened: the file.
+        table: kind of table, tracks or truth.
         after_ns: time from the first row to the first step [ns].
-        people: settings: gap, number of steps and time between them.
+        people: gap, number of steps and time between them.
 
     Returns:
         Time of the first step [ns], 0 if the table is empty; and the rows.
@@ -220,7 +223,7 @@ def _between(opened: Opened, table: type[T], after_ns: int, people: PeopleAsObst
 
 
 def _deviation(rows: Tracks | Truth) -> Floats:
-    """(R,) standard deviation along the widest axis of each row's covariance."""
+    """Return (R,) standard deviations along the widest axis of each row's position covariance; 0 for a truth."""
     if isinstance(rows, Truth):
         return np.zeros(len(rows))
     rows = rows.with_covariance()

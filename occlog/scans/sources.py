@@ -41,21 +41,21 @@ def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
 def bearings_of_doa(
     chunks: Iterable[Doa], scene: Scene, labels: bool = False, recorded: Scene | None = None
 ) -> Iterator[Bearings]:
-    """Convert directions of arrival to bearings, unlabelled unless `labels` is True.
+    """Generate bearings from directions of arrival, unlabelled unless `labels` is True.
 
-    A direction without a standard deviation has that of its array.  Where the scene states another yaw of an array than
+    A direction without a standard deviation has that of its array. Where the scene states another yaw of an array than
     that with which its directions were recorded, they are turned by the difference.
 
     Args:
         chunks: directions in the order of time.
         scene: must have the arrays.
-        labels: identities that the source gives are those of targets; otherwise they are its
-            own and not kept.  A direction without identity is a candidate in any case.
+        labels: identities that the source gives are those of targets; otherwise they are its own and not kept. A
+            direction without identity is a candidate in any case.
         recorded: scene with which the directions were recorded; None: as `scene`.
 
     Raises:
-        InputError: an array that the scene does not have; or, at the end, `labels` of a log
-            in which no direction has an identity.
+        InputError: an array that the scene does not have; or, at the end, `labels` of a log in which no direction has
+            an identity.
     """
     sigmas = {a.name: float(a.sigma) for a in scene.arrays}
     across = {a.name: float(a.sigma if a.sigma_elevation is None else a.sigma_elevation) for a in scene.arrays}
@@ -101,16 +101,16 @@ def bearings_of_doa(
 
 
 def round_robin(chunks: Iterable[Bearings], names: Sequence[str], seconds: float) -> Iterator[Bearings]:
-    """Generate the rows of one sensor at a time, as if the others had no frame (a network without overlap).
+    """Generate the rows of one sensor at a time, in turns, as if the others had no frame (a network without overlap).
 
     The first of `names` has the first turn, which begins with the first row of any of them; after the last it is the
     first one's turn again. A row at the very time at which turns change is of the next turn. Rows of other sensors are
-    omitted. The result is independent of chunk borders.
+    omitted. The result does not depend on the chunks.
 
     Args:
         chunks: bearings in the order of time.
-        names: sensors, each once, at least one.
-        seconds: length of a turn, above 0; rounded to whole nanoseconds.
+        names: names of the sensors, each once, at least one.
+        seconds: length of a turn [s], above 0; rounded to whole nanoseconds.
     """
     turn_ns = max(round(seconds * NS), 1)
     index_of = {name: i for i, name in enumerate(names)}
@@ -128,9 +128,9 @@ def round_robin(chunks: Iterable[Bearings], names: Sequence[str], seconds: float
 
 
 def within_times(streams: Sequence[Iterable[T]]) -> Iterator[T]:
-    """Merge several streams of chunks, each sorted by time; one chunk of each is buffered.
+    """Generate the rows of several streams as one stream in the order of time; one chunk of each is buffered.
 
-    Rows of equal time keep the order of the streams.
+    Each stream is sorted by time. Rows of equal time keep the order of the streams.
     """
     if len(streams) == 1:
         yield from streams[0]
@@ -151,7 +151,7 @@ def within_times(streams: Sequence[Iterable[T]]) -> Iterator[T]:
 
 
 def _by_time(parts: list[T]) -> T:
-    """Merge parts that overlap in time; rows of equal time keep the order of the parts."""
+    """Return tables that overlap in time as one, sorted; rows of equal time keep the order of the parts."""
     table = type(parts[0])
     order = np.argsort(np.concatenate([part.t_ns for part in parts]), kind="stable")
     columns = {c.name: np.concatenate([getattr(part, c.name) for part in parts])[order] for c in table.columns()}

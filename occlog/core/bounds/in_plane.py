@@ -31,7 +31,7 @@ MAX_INFORMATION_RATIO = 1e10
 
 
 def gaussian_information(mean_gradient: Floats, variance: Floats, variance_gradient: Floats) -> Floats:
-    """Fisher information of scalar measurements z ~ N(m(x), v(x)) about x.
+    """Return the Fisher information of scalar measurements z ~ N(m(x), v(x)) about the state x.
 
     I = grad m grad m^T / v + 1/2 grad v grad v^T / v^2.  The second term states that the
     scatter of z informs about x too where the noise depends on the position.
@@ -58,7 +58,10 @@ def camera_information(
     sigma_yaw: float,
     sigma_read_px: Floats,
 ) -> Floats:
-    """Fisher information of a camera's measurement z = f h/d + v, [Ercan] Eq. 1 and 2.
+    """Return the Fisher information of a camera's measurement z = f h/d + v about the position, [Ercan] Eq. 1 and 2.
+
+    h is the offset of the target to the left of the optical axis, d its distance along the axis, f the focal length.
+    The variance of v depends on the position.
 
     Args:
         xy: (N, 2) true positions.
@@ -90,7 +93,7 @@ def camera_information(
 
 
 def bearing_information(xy: Floats, position: Floats, sigma: Floats) -> Floats:
-    """Fisher information of an azimuth with a standard deviation that does not depend on the position.
+    """Return the Fisher information of an azimuth about the position, for noise that does not depend on the position.
 
     Args:
         xy: (N, 2) true positions.
@@ -109,7 +112,7 @@ def bearing_information(xy: Floats, position: Floats, sigma: Floats) -> Floats:
 
 
 def known_drift_steps(dt: Floats, sigma_v: float, dimension: int = 2) -> tuple[Floats, Floats]:
-    """Transitions F = I and noise Q = sigma_v^2 dt I of x' = x + drift + v with the drift known.
+    """Return transitions F = I and noise Q = sigma_v^2 dt I of the motion x' = x + drift + v with known drift.
 
     This is the random-waypoint walker of [Ercan] Eq. 5 with an intended displacement in each step
     known.  A filter has to infer destination and speed, so the bound is below what any filter reaches.
@@ -117,7 +120,7 @@ def known_drift_steps(dt: Floats, sigma_v: float, dimension: int = 2) -> tuple[F
     Args:
         dt: (T,) lengths of the steps [s], >= 0.
         sigma_v: standard deviation of the noise after 1 s, per axis.
-        dimension: of the position.
+        dimension: number of coordinates of the position.
 
     Returns:
         F and Q, both (T, dimension, dimension).
@@ -127,7 +130,7 @@ def known_drift_steps(dt: Floats, sigma_v: float, dimension: int = 2) -> tuple[F
 
 
 def constant_velocity_steps(dt: Floats, acceleration_density: float) -> tuple[Floats, Floats]:
-    """Transitions and noise of a constant velocity disturbed by white acceleration.
+    """Return transitions and noise of the constant-velocity model with white acceleration noise.
 
     Per axis F = [1 dt; 0 1] and Q = q [dt^3/3 dt^2/2; dt^2/2 dt].
 
@@ -150,7 +153,7 @@ def constant_velocity_steps(dt: Floats, acceleration_density: float) -> tuple[Fl
 
 
 def posterior_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
-    """Lower bounds of the error covariance at each step.
+    """Return the posterior Cramér-Rao bound of the error covariance of any filter, at each step.
 
     The recursion of Tichavsky et al. (1998), J' = D22 - D21 (J + D11)^-1 D12 + I' with
     D11 = F^T Q^-1 F, D12 = D21^T = -F^T Q^-1, D22 = Q^-1.  By the matrix inversion lemma
@@ -172,10 +175,14 @@ def posterior_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
 
 @kernel
 def inverse_of_sum(A: Floats, J: Floats) -> Floats:
-    """(A^-1 + J)^-1 of (n, n) positive semi-definite matrices, either of which may be singular.
+    """Return (A^-1 + J)^-1 of (n, n) positive semi-definite matrices, either of which may be singular.
 
     Computed as (1 + A J)^-1 A. If A is so large that the 1 is lost by rounding (as after a gap of years), A is reduced:
     the result hardly depends on it then, and a smaller lower bound is still valid.
+
+    Args:
+        A: a covariance, or any other positive semi-definite matrix.
+        J: the information that is added to A^-1.
     """
     less = np.ones(A.shape[0])
     for i in range(A.shape[0]):
@@ -187,6 +194,14 @@ def inverse_of_sum(A: Floats, J: Floats) -> Floats:
 
 @kernel
 def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    """Return the (T, n, n) filtering bounds of the error covariance; the kernel of `posterior_bound`.
+
+    Args:
+        information: (T, n, n) Fisher information of all measurements of a step, contiguous like the others.
+        F: (T, n, n) transition into each step.
+        Q: (T, n, n) covariance of the motion noise of that transition.
+        P0: (n, n) covariance of the prior.
+    """
     bounds = np.empty_like(information)
     P = P0
     for k in range(information.shape[0]):
@@ -198,21 +213,21 @@ def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
 
 
 def smoothing_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
-    """Lower bounds of the error covariance at each step of an estimator that has seen all steps.
+    """Return the Cramér-Rao bound of the error covariance of any smoother (which uses all T steps), at each step.
 
-    These are the diagonal blocks of the inverse of the information matrix of the whole trajectory
-    (Tichavsky et al. 1998, Sec. II), by a forward and a backward recursion.  What the steps after k tell
-    about the state at k is B_k = F^T (Y^-1 + Q)^-1 F, with Y = I' + B' of the step after it; B_T = 0.
-    With the bound P of filtering the bound of smoothing is (P^-1 + B)^-1.  Neither Q nor P has to be regular.
+    These are the diagonal blocks of the inverse of the information matrix of the whole trajectory (Tichavsky et al.
+    1998, Sec. II), by a forward and a backward recursion. The information of the steps after k about the state at k is
+    B_k = F^T (Y^-1 + Q)^-1 F, with Y = I' + B' of the step after it; B_T = 0. With the bound P of filtering the bound
+    of smoothing is (P^-1 + B)^-1. Neither Q nor P has to be regular.
 
     Args:
         information: (T, n, n) Fisher information of all measurements of a step.
-        F: (T, n, n) transition into each step, as in `posterior_bound`.
+        F: (T, n, n) transition into each step; `F[0]` leads from the prior to the first step.
         Q: (T, n, n) covariance of the motion noise of that transition.
         P0: (n, n) covariance of the prior.
 
     Returns:
-        (T, n, n); never above those of `posterior_bound`, and equal to it at the last step.
+        (T, n, n); never above the bounds of filtering (`posterior_bound`), and equal to them at the last step.
     """
     return smoothing_bound_before(posterior_bound(information, F, Q, P0), information, F, Q, np.zeros_like(P0))[0]
 
@@ -220,17 +235,21 @@ def smoothing_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Fl
 def smoothing_bound_before(
     bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats
 ) -> tuple[Floats, Floats]:
-    """Smoothing bound of a part of a trajectory, given the information of later steps.
+    """Return the smoothing bound of a part of a trajectory, given the information of the steps after the part.
+
+    A long trajectory is processed from its last part to its first: the second result for a part is `later` of the part
+    before it.
 
     Args:
-        bounds: (T, n, n) of filtering (`posterior_bound`).
+        bounds: (T, n, n) filtering bounds of the T steps of the part (`posterior_bound`).
         information: (T, n, n) Fisher information of all measurements of a step.
         F: (T, n, n) transition into each step.
         Q: (T, n, n) covariance of the motion noise of that transition.
-        later: (n, n) information of the later steps about the state at the last of them; 0 of the last part.
+        later: (n, n) information of the steps after the part about the state at its last step; 0 if there are none.
 
     Returns:
-        (T, n, n) bounds, and (n, n) information of these and later steps about the state before the first.
+        (T, n, n) smoothing bounds, and (n, n) information of the part and all later steps about the state before its
+        first step.
     """
     parts = (np.ascontiguousarray(a, dtype=np.float64) for a in (bounds, information, F, Q, later))
     smoothed, before = _backwards(*parts)
@@ -239,6 +258,17 @@ def smoothing_bound_before(
 
 @kernel
 def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats, later: Floats) -> tuple[Floats, Floats]:
+    """Return (T, n, n) smoothing bounds and the (n, n) information before the first step, by a backward recursion.
+
+    The kernel of `smoothing_bound_before`; all arrays are contiguous.
+
+    Args:
+        bounds: (T, n, n) filtering bounds.
+        information: (T, n, n) Fisher information of all measurements of a step.
+        F: (T, n, n) transition into each step.
+        Q: (T, n, n) covariance of the motion noise of that transition.
+        later: (n, n) information of later steps about the state at the last step.
+    """
     smoothed = np.empty_like(bounds)
     B = later
     for k in range(bounds.shape[0] - 1, -1, -1):
@@ -253,7 +283,10 @@ def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats, later:
 
 
 def polygon_covariance(polygon: Floats) -> Floats:
-    """(2, 2) covariance of a point spread evenly over a polygon (K, 2) without crossings, of either orientation."""
+    """Return the (2, 2) covariance of a point that is uniformly distributed in a simple polygon (K, 2).
+
+    The polygon may have either orientation.
+    """
     a = polygon - polygon.mean(axis=0)  # near the origin, so that no digits cancel
     b = np.roll(a, -1, axis=0)
     cross = a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1]

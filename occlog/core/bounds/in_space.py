@@ -34,7 +34,9 @@ from .in_plane import (
 
 
 def sight_angles(xyz: Floats, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
-    """Azimuths (N,) and polar angles (N,) [rad] of world positions, in a sensor's frame.
+    """Return azimuths (N,) and polar angles (N,) [rad] of world positions, in a sensor's frame.
+
+    The azimuth is from the sensor's +x to its +y, the polar angle from its +z.
 
     Args:
         xyz: (N, 3) positions in the world.
@@ -47,7 +49,7 @@ def sight_angles(xyz: Floats, position: Floats, rotation: Floats) -> tuple[Float
 def direction_information(
     xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats
 ) -> Floats:
-    """Fisher information of an azimuth and a polar angle about the position, [Lee] Eq. 2.40 and 2.41.
+    """Return the Fisher information of an azimuth and a polar angle about the position, [Lee] Eq. 2.40 and 2.41.
 
     Args:
         xyz: (N, 3) true positions.
@@ -74,7 +76,7 @@ def direction_information(
 
 
 def ground_information(information: Floats) -> Floats:
-    """Information about (x, y) when nothing is known of z: the Schur complement over z.
+    """Return the information about (x, y) when nothing is known of z: the Schur complement over z.
 
     Of a direction this is the information of its azimuth about the world's z axis, with the
     first-order variance of that azimuth whatever the sensor's pose: the unknown height takes up
@@ -93,16 +95,17 @@ def ground_information(information: Floats) -> Floats:
 
 
 def plane_information(xyz: Floats, position: Floats, plane: int, variance: Floats) -> Floats:
-    """Fisher information of a projected angle about the position in its plane, [Lee] Eq. 2.34 to 2.38.
+    """Return the Fisher information of a projected angle about the position in its plane, [Lee] Eq. 2.34 to 2.38.
 
     Args:
         xyz: (N, 3) true positions.
-        position: (3,) of the sensor.
-        plane: index in `projected_planes.PLANES`.
-        variance: (N,) of the angle [rad^2], > 0; inf where the plane is blind.
+        position: (3,) position of the sensor.
+        plane: 0 for xy, 1 for yz, 2 for zx.
+        variance: (N,) variance of the angle [rad^2], > 0; inf where the line of sight is too near the plane's normal.
 
     Returns:
-        (N, 2, 2) of rank 1, on the plane's axes; zero where the variance is infinite.
+        (N, 2, 2) of rank 1, in the order of the plane's axes (x, y; y, z; or z, x); zero where the variance is
+        infinite.
     """
     axes = list(AXES[plane])
     return bearing_information(xyz[:, axes], position[axes], np.sqrt(variance))
@@ -111,9 +114,9 @@ def plane_information(xyz: Floats, position: Floats, plane: int, variance: Float
 def plane_variance(
     xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float, sigma_phi: float, plane: int
 ) -> Floats:
-    """(N,) first-order variances [rad^2] of a projected angle at true positions.
+    """Return the (N,) first-order variances [rad^2] of the angle projected on a plane, at true positions.
 
-    Infinite where the plane is blind and on the sensor's own z axis, as in `direction_information`.
+    Infinite where the line of sight is within 5 sigma of the plane's normal, and on the sensor's own z axis.
 
     Args:
         xyz: (N, 3) true positions.
@@ -121,7 +124,7 @@ def plane_variance(
         rotation: (3, 3) world-from-sensor rotation.
         sigma_theta: standard deviation of the azimuth [rad].
         sigma_phi: standard deviation of the polar angle [rad].
-        plane: index in `projected_planes.PLANES`.
+        plane: 0 for xy, 1 for yz, 2 for zx.
     """
     theta, phi = sight_angles(xyz, position, rotation)
     noise = (sigma_theta, sigma_phi, rotation)
@@ -133,15 +136,16 @@ def plane_variance(
 def motion_bound(
     information: Floats, dt: Floats, P0: Floats, acceleration_density: float = 0.0, *, smoothed: bool = False
 ) -> Floats:
-    """The recursion (2.30) for a constant velocity, for any information on the position.
+    """Return the posterior Cramér-Rao bound for a constant velocity, [Lee] Eq. 2.30, at each step.
 
     Args:
-        information: (T, d, d) Fisher information about the position of all measurements of a
-            step, summed over the sensors; d is 3, or 2 in a plane.
+        information: (T, d, d) Fisher information about the position of all measurements of a step, summed over the
+            sensors; d is 3, or 2 in a plane.
         dt: (T,) times [s] to each step from the one before, the first from the prior, >= 0.
         P0: (2d, 2d) finite covariance of the prior, positions first, then velocities.
-        acceleration_density: of the white acceleration [length^2/s^3]; 0 as in [Lee].
-        smoothed: the bound of estimators that have seen all steps (`in_plane.smoothing_bound`).
+        acceleration_density: power spectral density of the white acceleration [length^2/s^3]; 0 in [Lee].
+        smoothed: True for the bound of smoothers, which use all steps (`in_plane.smoothing_bound`); False for that of
+            filters.
 
     Returns:
         (T, 2d, 2d) bounds of the error covariance.
@@ -150,12 +154,12 @@ def motion_bound(
 
 
 def motion_steps(information: Floats, dt: Floats, acceleration_density: float = 0.0) -> tuple[Floats, Floats, Floats]:
-    """Inputs of the recursion in `motion_bound`.
+    """Return the information, transition and noise matrices that `posterior_bound` takes, for a constant velocity.
 
     Args:
         information: (T, d, d) Fisher information about the position at each step; d is 3, or 2 in a plane.
         dt: (T,) times [s] to each step from the one before, the first from the prior, >= 0.
-        acceleration_density: of the white acceleration [length^2/s^3].
+        acceleration_density: power spectral density of the white acceleration [length^2/s^3].
 
     Returns:
         Information about the state (positions, then velocities), transition matrices and covariances of the process
@@ -177,16 +181,18 @@ def direct_bound(
     used: Bools | None = None,
     acceleration_density: float = 0.0,
 ) -> Floats:
-    """(T, 6, 6) bounds of the state in space with both angles of each sensor, [Lee] Sec. 2.3.2.
+    """Return the (T, 6, 6) filtering bounds of the state in space with both angles of each sensor, [Lee] Sec. 2.3.2.
+
+    The state is (x, y, z, vx, vy, vz) with a constant velocity.
 
     Args:
         xyz: (T, 3) true positions.
-        dt: (T,) as in `motion_bound`.
-        sensors: positions (S, 3) and rotations (S, 3, 3).
-        sigmas: standard deviations of theta and phi [rad].
+        dt: (T,) times [s] to each step from the one before, the first from the prior, >= 0.
+        sensors: positions (S, 3) and world-from-sensor rotations (S, 3, 3).
+        sigmas: standard deviations of azimuth and polar angle [rad].
         P0: (6, 6) covariance of the prior.
         used: (T, S) which sensors measured at each step; all if None.
-        acceleration_density: as in `motion_bound`.
+        acceleration_density: power spectral density of the white acceleration [length^2/s^3].
     """
     each = [direction_information(xyz, p, R, *sigmas) for p, R in zip(*sensors, strict=True)]
     return motion_bound(_total(each, used), dt, P0, acceleration_density)
@@ -202,19 +208,20 @@ def plane_bound(
     used: Bools | None = None,
     acceleration_density: float = 0.0,
 ) -> Floats:
-    """(T, 4, 4) bounds of a plane's state with the projected angle of each sensor, [Lee] Sec. 2.3.1.
+    """Return the (T, 4, 4) filtering bounds of a plane's state by the projected angles of all sensors, [Lee] 2.3.1.
 
-    A blind plane adds no information.
+    The state is (a, b, va, vb) on the axes (a, b) of the plane: (x, y), (y, z) or (z, x). A sensor that views along the
+    plane's normal adds no information.
 
     Args:
         xyz: (T, 3) true positions.
-        dt: (T,) as in `motion_bound`.
-        sensors: positions (S, 3) and rotations (S, 3, 3).
-        sigmas: standard deviations of theta and phi [rad].
-        P0: (4, 4) covariance of the prior, on the plane's axes.
-        plane: index in `projected_planes.PLANES`.
+        dt: (T,) times [s] to each step from the one before, the first from the prior, >= 0.
+        sensors: positions (S, 3) and world-from-sensor rotations (S, 3, 3).
+        sigmas: standard deviations of azimuth and polar angle [rad].
+        P0: (4, 4) covariance of the prior.
+        plane: 0 for xy, 1 for yz, 2 for zx.
         used: (T, S) which sensors measured the angle of this plane at each step; all if None.
-        acceleration_density: as in `motion_bound`.
+        acceleration_density: power spectral density of the white acceleration [length^2/s^3].
     """
     each = [
         plane_information(xyz, p, plane, plane_variance(xyz, p, R, *sigmas, plane))
@@ -224,13 +231,16 @@ def plane_bound(
 
 
 def plane_axes(plane: int) -> list[int]:
-    """Indices of the four state components of a plane in the state in space."""
+    """Return the indices in (x, y, z, vx, vy, vz) of a plane's state (a, b, va, vb).
+
+    `plane` is 0 for (a, b) = (x, y), 1 for (y, z), 2 for (z, x).
+    """
     a, b = AXES[plane]
     return [a, b, a + 3, b + 3]
 
 
 def accelerated_path(state: Floats, acceleration: Floats, dt: Floats) -> Floats:
-    """(T, 2d) states after steps of known acceleration, x' = x + v dt + a dt^2/2 ([Lee] Eq. 2.15 without A/V).
+    """Return the (T, 2d) states after steps of known acceleration, x' = x + v dt + a dt^2/2 ([Lee] Eq. 2.15, no A/V).
 
     Args:
         state: (2d,) at the start, positions first.
@@ -245,6 +255,12 @@ def accelerated_path(state: Floats, acceleration: Floats, dt: Floats) -> Floats:
 
 
 def _total(each: list[Floats], used: Bools | None) -> Floats:
+    """Return the (T, d, d) sum over S sensors of their Fisher information.
+
+    Args:
+        each: (T, d, d) Fisher information of each sensor about the position.
+        used: (T, S) which sensors measured at each step; all if None.
+    """
     stacked = np.stack(each, axis=1)
     if used is not None:
         stacked = np.where(used[:, :, None, None], stacked, 0.0)
@@ -252,6 +268,11 @@ def _total(each: list[Floats], used: Bools | None) -> Floats:
 
 
 def _each_axis(matrices: Floats, d: int) -> Floats:
-    """(T, 2d, 2d) block matrices for d independent axes, from the (T, 4, 4) of (x, y, vx, vy)."""
+    """Return (T, 2d, 2d) block matrices for d independent axes, positions first, from those of a plane's state.
+
+    Args:
+        matrices: (T, 4, 4) matrices of the state (x, y, vx, vy), with equal blocks of x and y.
+        d: number of axes.
+    """
     one = matrices[:, ::2, ::2]
     return np.asarray(np.einsum("tij,kl->tikjl", one, np.eye(d)).reshape(len(one), 2 * d, 2 * d))

@@ -24,14 +24,20 @@ from .lens import distort, undistort
 
 
 def wrap_angle(angle: Floats | float) -> Floats:
-    """Wrap angles [rad] to [-pi, pi)."""
+    """Return angles [rad] of any shape wrapped to [-pi, pi)."""
     wrapped = (np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi
     # The sum may round up to 2 pi itself for angles just below -pi.
     return np.where(wrapped >= np.pi, wrapped - 2.0 * np.pi, wrapped)
 
 
 def rotation_from_angles(yaw: float, pitch: float, roll: float) -> Floats:
-    """(3, 3) world-from-camera rotation of a camera with the given yaw, pitch and roll [rad]."""
+    """Return the (3, 3) world-from-camera rotation of a camera; columns are its axes right, down and forward.
+
+    Args:
+        yaw: azimuth of the optical axis, from the world's +x to +y [rad].
+        pitch: angle of the optical axis above the horizontal [rad].
+        roll: turn about the optical axis, clockwise as seen from behind the camera [rad].
+    """
     cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
     forward = np.array([cp * cy, cp * sy, sp])
     right = np.array([sy, -cy, 0.0])
@@ -41,16 +47,22 @@ def rotation_from_angles(yaw: float, pitch: float, roll: float) -> Floats:
 
 
 def array_rotation(yaw: float, pitch: float, roll: float) -> Floats:
-    """(3, 3) world-from-array rotation of a microphone array; its axes are x forward, y to the left, z up.
+    """Return the (3, 3) world-from-array rotation of a microphone array with the axes x forward, y to the left, z up.
 
-    The angles yaw, pitch and roll [rad] are defined as those of a camera (`rotation_from_angles`).
+    Args:
+        yaw: azimuth of the x axis, from the world's +x to +y [rad].
+        pitch: angle of the x axis above the horizontal [rad].
+        roll: turn about the x axis, clockwise as seen from behind the array [rad].
     """
     right, down, forward = rotation_from_angles(yaw, pitch, roll).T
     return np.column_stack([forward, -right, -down])
 
 
 def angles_from_rotation(rotation: Floats) -> tuple[float, float, float]:
-    """Yaw, pitch and roll [rad] of a world-from-camera rotation; yaw is 0 for one that points straight up or down."""
+    """Return yaw, pitch and roll [rad] of a (3, 3) world-from-camera rotation (inverse of `rotation_from_angles`).
+
+    The yaw is 0 for a camera that points straight up or down.
+    """
     right, _, forward = rotation[:, 0], rotation[:, 1], rotation[:, 2]
     flat = float(np.hypot(forward[0], forward[1]))
     yaw = float(np.arctan2(forward[1], forward[0])) if flat > 1e-12 else 0.0
@@ -63,18 +75,18 @@ def angles_from_rotation(rotation: Floats) -> tuple[float, float, float]:
 def pixels_to_rays(
     pixels: Floats, focal_px: Floats, principal_px: Floats, coefficients: Floats, model: str, rotation: Floats
 ) -> Floats:
-    """Directions in the world of the lines of sight through pixels.
+    """Return the directions in the world of the lines of sight through pixels.
 
     Args:
         pixels: (N, 2) image points as recorded (distorted) [px].
         focal_px: (2,) focal lengths [px].
         principal_px: (2,) principal point [px].
-        coefficients: distortion.
-        model: of the lens.
-        rotation: (3, 3) world-from-camera.
+        coefficients: distortion coefficients in the order of the model (`occlog.core.geometry.lens`).
+        model: distortion model: `brown`, `opencv`, `tsai` or `equidistant`.
+        rotation: (3, 3) world-from-camera rotation, z forward.
 
     Returns:
-        (N, 3) direction vectors, not normalised, with unit forward component; NaN where the lens is not used.
+        (N, 3) direction vectors, not normalised, with unit forward component; NaN outside the usable part of the lens.
     """
     ideal = undistort((pixels - principal_px) / focal_px, coefficients, model)
     return np.column_stack([ideal, np.ones(len(ideal))]) @ rotation.T
@@ -89,15 +101,15 @@ def points_to_pixels(
     model: str,
     rotation: Floats,
 ) -> Floats:
-    """Image points (N, 2) [px] of world points; NaN for points behind the camera.
+    """Return the (N, 2) image points as recorded (distorted) [px] of world points; NaN for points behind the camera.
 
     Args:
         points: (N, 3) in the world.
         position: (3,) position of the camera.
-        focal_px: (2,) focal lengths fx, fy.
-        principal_px: (2,) principal point.
-        coefficients: distortion, as `model` has them (`lens`).
-        model: name of the distortion model.
+        focal_px: (2,) focal lengths fx, fy [px].
+        principal_px: (2,) principal point [px].
+        coefficients: distortion coefficients in the order of the model (`occlog.core.geometry.lens`).
+        model: distortion model: `brown`, `opencv`, `tsai` or `equidistant`.
         rotation: (3, 3) world-from-camera rotation, z forward.
     """
     local = (points - position) @ rotation
@@ -110,36 +122,38 @@ def points_to_pixels(
 
 
 def rays_to_azimuth(rays: Floats) -> Floats:
-    """Azimuths [rad] in [-pi, pi) of direction vectors (N, 3)."""
+    """Return the azimuths (N,) [rad], from +x to +y and in [-pi, pi), of direction vectors (N, 3) in the world."""
     return wrap_angle(np.arctan2(rays[:, 1], rays[:, 0]))
 
 
 def azimuth_to_u(azimuth: Floats, yaw: float, focal_px: float) -> Floats:
-    """Horizontal offset from the centre [px], positive to the right, of an azimuth in the levelled image.
+    """Return the horizontal offset from the image centre [px], positive to the right, of an azimuth in a level image.
 
-    The z of [Ercan] Eq. 1 is its negative.
+    A level image is that of a camera without pitch and roll. The measurement z of [Ercan] Eq. 1 is the negative offset.
 
     Args:
         azimuth: azimuths in the world [rad], within 90 degrees of the yaw.
         yaw: azimuth of the optical axis [rad].
-        focal_px: focal length of the levelled image.
+        focal_px: focal length of the level image [px].
     """
     return -focal_px * np.tan(wrap_angle(azimuth - yaw))
 
 
 def u_to_azimuth(u_px: Floats, yaw: float, focal_px: float) -> Floats:
-    """Azimuth [rad] of a horizontal offset in the levelled image (inverse of `azimuth_to_u`).
+    """Return the azimuth [rad, -pi..pi) of a horizontal offset in a level image (inverse of `azimuth_to_u`).
+
+    A level image is that of a camera without pitch and roll.
 
     Args:
-        u_px: offsets from the centre, positive to the right.
+        u_px: offsets from the image centre [px], positive to the right.
         yaw: azimuth of the optical axis [rad].
-        focal_px: focal length of the levelled image.
+        focal_px: focal length of the level image [px].
     """
     return wrap_angle(yaw - np.arctan(np.asarray(u_px) / focal_px))
 
 
 def planar_offsets(xy: Floats, position: Floats, yaw: float) -> tuple[Floats, Floats]:
-    """H and d of [Ercan] Fig. 2: offset to the left of, and distance along, the optical axis.
+    """Return the offset h to the left of a camera's optical axis and the distance d along it, [Ercan] Fig. 2.
 
     With theta = yaw + pi the paper's h = sin(theta)(x1-c1) - cos(theta)(x2-c2) and
     d = -cos(theta)(x1-c1) - sin(theta)(x2-c2).
@@ -165,15 +179,17 @@ def noise_variance(
     sigma_yaw: float,
     sigma_read_px: float | Floats,
 ) -> Floats:
-    """Variance of z given the position, [Ercan] Eq. 2 [px^2].
+    """Return the variance [px^2] of a camera's measurement z = f h/d given the position, [Ercan] Eq. 2.
+
+    It is the sum of the effects of errors of the yaw, of the camera's position and of the reading.
 
     Args:
-        h: offset of the position to the side of the optical axis.
-        d: its distance along the optical axis, > 0.
-        focal_px: focal length.
+        h: offset of the position to the side of the optical axis, any shape.
+        d: distance along the optical axis, > 0, in the unit and shape of h.
+        focal_px: focal length f [px].
         sigma_position: standard deviation of the camera's position, per axis, in the unit of h and d.
         sigma_yaw: standard deviation of the yaw [rad].
-        sigma_read_px: standard deviation of the measurement in the image.
+        sigma_read_px: standard deviation of the reading in the image [px].
     """
     ratio2 = 1.0 + (h / d) ** 2
     f2 = focal_px**2
@@ -182,14 +198,14 @@ def noise_variance(
 
 
 def intersection_point(centres: Floats, axes: Floats) -> tuple[Floats, Floats]:
-    """Point nearest to all optical axes (least squares), and its distance along each axis.
+    """Return the point nearest to all optical axes (least squares), and its distance along each axis.
 
     Args:
-        centres: (C, 3) of cameras.
+        centres: (C, 3) camera centres.
         axes: (C, 3) unit vectors along the optical axes.
 
     Returns:
-        (3,) point, and (C,) signed distances along the axes, negative behind the camera; NaN for parallel axes.
+        (3,) point, and (C,) signed distances along the axes, negative behind the camera; all NaN for parallel axes.
     """
     # Projectors onto the planes across the axes: the distance of X to axis i is |A_i (X - c_i)|.
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -214,7 +230,10 @@ TILTED = np.radians(15.0)
 
 
 class Vertical(NamedTuple):
-    """Estimated vertical direction, and how well it is determined."""
+    """Estimate of the vertical of a world from the orientations of cameras, and how well it is determined.
+
+    It is the up direction, whether the cameras differ enough to determine it, and the median roll that remains.
+    """
 
     up: Floats  # (3,) unit vector in the world
     certain: bool  # the x axes differ enough; else pitches are taken for 0
@@ -222,7 +241,14 @@ class Vertical(NamedTuple):
 
 
 def vertical(rotations: Floats) -> Vertical:
-    """Estimate the vertical from (C, 3, 3) world-from-camera rotations, C >= 1."""
+    """Return the direction that is nearest to perpendicular to the image x axes of all cameras (which should be level).
+
+    If the x axes are nearly parallel, it is the mean up axis of the images, made perpendicular to them. The sign is
+    that of most images' up axes.
+
+    Args:
+        rotations: (C, 3, 3) world-from-camera rotations, C >= 1.
+    """
     x, up = rotations[:, :, 0], -rotations[:, :, 1]
     mean = up.mean(axis=0)
     values, vectors = np.linalg.eigh(x.T @ x / len(x))
@@ -241,10 +267,14 @@ def vertical(rotations: Floats) -> Vertical:
 
 
 def other_up_axis(rotations: Floats) -> str | None:
-    """Signed axis of the world (`y`, `-y`, `x`, `-x` or `-z`) that is up in all images, if z is not; otherwise None.
+    """Return the signed axis of the world (`y`, `-y`, `x`, `-x` or `-z`) that is up in all images, if z is not.
 
-    All cameras (C, 3, 3, world-from-camera) are level to `LEVEL` with respect to it, and the median pitch is downward
-    by at most `LOOKS_UP`; cameras that view the ground from above, or hang upside down, are so in a world with z up.
+    None if z is up, if no axis is, and without cameras. The image x axes of all cameras are horizontal to `LEVEL` with
+    respect to the axis, and the median pitch is downward by at most `LOOKS_UP`. Cameras that view the ground from
+    above, or hang upside down, are consistent with z up.
+
+    Args:
+        rotations: (C, 3, 3) world-from-camera rotations.
     """
     x, up, forward = rotations[:, :, 0], -rotations[:, :, 1], rotations[:, :, 2]
     level = np.abs(x) < np.sin(LEVEL)
@@ -259,7 +289,9 @@ def other_up_axis(rotations: Floats) -> str | None:
 
 
 def is_upright(rotations: Floats) -> bool:
-    """Whether the z axis of the world can be the vertical of (C, 3, 3) world-from-camera rotations; true for C = 0.
+    """Return whether z can be the vertical of a world, given C camera rotations (C, 3, 3), world-from-camera.
+
+    True without cameras.
 
     It cannot if another axis is up in all images (`other_up_axis`); if most cameras are rolled by more than `ROLLED` or
     are tilted up by more than `LOOKS_UP`; if most hang upside down and are tilted up; or if the horizons of three or
@@ -282,15 +314,15 @@ def is_upright(rotations: Floats) -> bool:
 
 
 def looks_away(centres: Floats, rotations: Floats) -> bool:
-    """Whether cameras have what they observe behind them, as in a misread left-handed world.
+    """Return whether cameras have what they observe behind them, as in a misread left-handed world.
 
-    Optical axes of two or more cameras meet behind every camera. One camera, or several with the same viewing
-    direction, are upside down, point upwards and are above the ground z = 0. Rigs that face outwards are upright and
-    above the ground, and are not reported.
+    True if the optical axes of two or more cameras meet behind every camera; or, of one camera or several with parallel
+    axes, if all are upside down, point upwards and are above the ground z = 0. False for cameras that are upright with
+    one above the ground, such as rigs that face outwards.
 
     Args:
-        centres: (C, 3) of cameras, C >= 1.
-        rotations: (C, 3, 3) world-from-camera.
+        centres: (C, 3) positions of the cameras, C >= 1.
+        rotations: (C, 3, 3) world-from-camera rotations.
     """
     if is_upright(rotations) and (centres[:, 2] >= 0.0).any():
         return False
@@ -301,9 +333,12 @@ def looks_away(centres: Floats, rotations: Floats) -> bool:
 
 
 def turn_upright(up: Floats) -> Floats:
-    """(3, 3) smallest rotation that maps the up direction (3,) to the z axis; about x if it points straight down.
+    """Return the (3, 3) smallest rotation that maps the up direction (3,), of any length, to the z axis.
 
-    ValueError for a direction without length.
+    An up direction that is straight down is turned about x.
+
+    Raises:
+        ValueError: the vector has no length or is not finite.
     """
     length = float(np.linalg.norm(up))
     if not length > 0.0 or not np.isfinite(length):
@@ -317,10 +352,10 @@ def turn_upright(up: Floats) -> Floats:
 
 
 def _roll(rotations: Floats, up: Floats) -> Floats:
-    """(C,) absolute angles [rad] of the image x axes to the horizon.
+    """Return the (C,) absolute roll angles [rad] of cameras: of their image x axes to the horizontal, 0 to pi / 2.
 
     Args:
         rotations: (C, 3, 3) world-from-camera rotations.
-        up: (3,) unit vector.
+        up: (3,) unit vector of the vertical.
     """
     return np.asarray(np.arcsin(np.clip(np.abs(rotations[:, :, 0] @ up), 0.0, 1.0)))

@@ -22,7 +22,10 @@ MIN_MATCHES = 8
 
 
 class FitCheck(NamedTuple):
-    """Result of a check of matches against a fundamental matrix."""
+    """Whether matches of points fit a fundamental matrix, with their median error and the share of them that fit.
+
+    Also the share of wrong pairings that would fit by chance.
+    """
 
     fits: bool
     median_px: float  # of the symmetric errors
@@ -31,13 +34,13 @@ class FitCheck(NamedTuple):
 
 
 def homogeneous(points: Floats) -> Floats:
-    """(..., 3) homogeneous coordinates of points (..., 2)."""
+    """Return homogeneous coordinates (..., 3) of points (..., 2): x, y, 1."""
     p = np.asarray(points, dtype=np.float64)
     return np.concatenate([p, np.ones((*p.shape[:-1], 1))], axis=-1)
 
 
 def scaled(matrix: Floats) -> Floats:
-    """(3, 3) the same matrix with norm 1 and its largest entry positive.
+    """Return a matrix (3, 3) divided by its norm, with the sign that makes its entry of largest size positive.
 
     Raises:
         ValueError: the matrix is 0 or not finite.
@@ -51,18 +54,17 @@ def scaled(matrix: Floats) -> Floats:
 def fundamental_from_poses(
     inner_a: Floats, rotation_a: Floats, centre_a: Floats, inner_b: Floats, rotation_b: Floats, centre_b: Floats
 ) -> Floats:
-    """Fundamental matrix of two cameras without distortion: F = K_b^-T [t]_x R K_a^-1, scaled.
+    """Return the fundamental matrix of two cameras without distortion: F = K_b^-T [t]_x R K_a^-1.
+
+    It has norm 1 and its entry of largest size is positive; b^T F a = 0 for the images a and b of a point.
 
     Args:
-        inner_a: (3, 3) matrix of focal lengths and principal point of camera a.
-        rotation_a: (3, 3) world-from-camera.
-        centre_a: (3,) in the world.
-        inner_b: the same of camera b.
-        rotation_b: of camera b.
-        centre_b: of camera b.
-
-    Returns:
-        (3, 3) with norm 1.
+        inner_a: (3, 3) inner matrix K (focal lengths, principal point) of camera a.
+        rotation_a: (3, 3) world-from-camera rotation of camera a.
+        centre_a: (3,) position of camera a in the world.
+        inner_b: (3, 3) inner matrix of camera b.
+        rotation_b: (3, 3) world-from-camera rotation of camera b.
+        centre_b: (3,) position of camera b in the world.
 
     Raises:
         ValueError: the two cameras are at the same position, so that there are no epipolar lines.
@@ -77,9 +79,13 @@ def fundamental_from_poses(
 
 
 def epipolar_lines(matrix: Floats, points: Floats) -> Floats:
-    """(..., 3) lines in view b of points (..., 2) in view a; NaN for the epipole, and for a matrix that gives no line.
+    """Return the (..., 3) epipolar lines in view b of points in view a, with unit normal (l1, l2).
 
-    For points of view b give the transposed matrix.
+    NaN for the epipole, and for a matrix that gives no line.
+
+    Args:
+        matrix: (3, 3) fundamental matrix from view a to view b; its transpose for points of view b.
+        points: (..., 2) points without distortion [px].
     """
     lines = homogeneous(points) @ np.asarray(matrix).T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -88,42 +94,45 @@ def epipolar_lines(matrix: Floats, points: Floats) -> Floats:
 
 
 def line_distances(lines: Floats, points: Floats) -> Floats:
-    """Signed distances [px] of points (..., 2) from lines (..., 3)."""
+    """Return the signed distances (...) [px] of points (..., 2) from lines (..., 3) with unit normal (l1, l2)."""
     return np.asarray((lines * homogeneous(points)).sum(axis=-1))
 
 
 def epipolar_distances(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N, 2) distances [px] of points a (N, 2) from the lines of their matches b (N, 2), and of b from those of a.
+    """Return the (N, 2) distances [px] of matched points from each other's epipolar lines: in view a, in view b.
 
-    `matrix` (3, 3) is the fundamental matrix from view a to view b.
+    Args:
+        matrix: (3, 3) fundamental matrix from view a to view b.
+        a: (N, 2) points in view a [px].
+        b: (N, 2) their matches in view b [px].
     """
     back = line_distances(epipolar_lines(np.asarray(matrix).T, b), a)
     return np.abs(np.column_stack([back, line_distances(epipolar_lines(matrix, a), b)]))
 
 
 def symmetric_errors(matrix: Floats, a: Floats, b: Floats) -> Floats:
-    """(N,) root mean square of the two `epipolar_distances` of each match [px].
+    """Return the (N,) root mean square [px] of the epipolar distances of each match in the two views.
 
     Args:
         matrix: (3, 3) fundamental matrix from view a to view b.
-        a: (N, 2) points in view a.
-        b: (N, 2) their matches in view b.
+        a: (N, 2) points in view a [px].
+        b: (N, 2) their matches in view b [px].
     """
     return np.asarray(np.sqrt((epipolar_distances(matrix, a, b) ** 2).mean(axis=1)))
 
 
 def check_fundamental(matrix: Floats, a: Floats, b: Floats, tolerance_px: float, min_share: float = 0.5) -> FitCheck:
-    """Whether matches, some of which may be wrong, agree with a fundamental matrix.
+    """Return whether matches, some of which may be wrong, agree with a fundamental matrix, with figures of the test.
 
-    It fits when at least `min_share` of the matches lie within the tolerance of both lines,
-    and more than wrong pairings of the same points do by three standard deviations.
+    It fits when at least `min_share` of the matches lie within the tolerance of both epipolar lines, and this share
+    exceeds that of wrong pairings of the points by three standard deviations.
 
     Args:
-        matrix: (3, 3).
+        matrix: (3, 3) fundamental matrix from view a to view b.
         a: (N, 2) points of view a [px].
-        b: (N, 2) their matches in view b.
-        tolerance_px: a match within this distance of both lines supports the matrix.
-        min_share: 0 to 1.
+        b: (N, 2) their matches in view b [px].
+        tolerance_px: largest distance from both lines of a match that supports the matrix [px].
+        min_share: least share of supporting matches, 0 to 1.
 
     Raises:
         ValueError: fewer than 8 matches.

@@ -34,18 +34,19 @@ MIN_DETERMINANT = 1e-4
 
 
 def is_straight(coefficients: Floats, model: str) -> bool:
-    """Whether a lens has no distortion: `coefficients` of `model` are all 0; always False for an equidistant lens."""
+    """Return whether a lens has no distortion: all `coefficients` are 0; always False for the model `equidistant`."""
     return model != "equidistant" and not np.any(coefficients)
 
 
 def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Distorted normalised image coordinates (N, 2) of ideal ones.
+    """Return distorted normalised image coordinates (N, 2) of ideal ones.
 
-    Returns `xy` itself if there is no distortion.
+    It is `xy` itself if there is no distortion.
 
     Args:
-        xy: (N, 2) ideal normalised coordinates.
-        coefficients: of the model, in the order that the module states.
+        xy: (N, 2) ideal normalised coordinates: (pixel - principal point) / focal length.
+        coefficients: of the model: (k1, k2, p1, p2, k3) for `brown`, the 14 of OpenCV for `opencv`, (k1, 0, 0, 0, 0)
+            for `tsai`, (k1, k2, k3, k4, 0) for `equidistant`.
         model: `brown`, `opencv`, `tsai` or `equidistant`.
     """
     if model == "equidistant":
@@ -60,13 +61,14 @@ def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Ideal normalised image coordinates (N, 2) of distorted ones; NaN beyond `MAX_ANGLE` of an equidistant lens.
+    """Return ideal normalised image coordinates (N, 2) of distorted ones.
 
-    Returns `xy` itself if there is no distortion.
+    NaN outside the usable disc of an equidistant lens. It is `xy` itself if there is no distortion.
 
     Args:
-        xy: (N, 2) distorted normalised coordinates.
-        coefficients: of the model, in the order that the module states.
+        xy: (N, 2) distorted normalised coordinates: (pixel - principal point) / focal length.
+        coefficients: of the model: (k1, k2, p1, p2, k3) for `brown`, the 14 of OpenCV for `opencv`, (k1, 0, 0, 0, 0)
+            for `tsai`, (k1, k2, k3, k4, 0) for `equidistant`.
         model: `brown`, `opencv`, `tsai` or `equidistant`.
     """
     if model == "equidistant":
@@ -79,14 +81,20 @@ def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 class UsableDisc(NamedTuple):
-    """Disc of the distorted normalised image in which an equidistant lens is valid."""
+    """Disc of the distorted normalised image around the principal point in which an equidistant lens is used.
+
+    It is stated as the greatest angle to the optical axis [rad] and the radius of the disc, in focal lengths.
+    """
 
     angle: float  # greatest angle to the optical axis [rad]: `MAX_ANGLE`, or where the lens folds
     radius: float  # of the disc around the principal point, normalised
 
 
 def usable_disc(coefficients: Floats) -> UsableDisc:
-    """The disc of an equidistant lens with (5,) coefficients."""
+    """Return the disc in which an equidistant lens with coefficients (k1, k2, k3, k4, 0) is used.
+
+    It ends at the angle `MAX_ANGLE` to the axis, or where the distorted radius no longer increases with the angle.
+    """
     theta = np.linspace(0.0, MAX_ANGLE, ANGLES)
     falling = np.flatnonzero(np.diff(_bent(theta, coefficients)) <= 0.0)
     angle = float(theta[falling[0]]) if len(falling) else float(MAX_ANGLE)
@@ -94,9 +102,12 @@ def usable_disc(coefficients: Floats) -> UsableDisc:
 
 
 def is_usable(xy: Floats, coefficients: Floats, model: str) -> Bools:
-    """(N,) mask of distorted normalised points `xy` (N, 2) that are in the usable disc of an equidistant lens.
+    """Return (N,) booleans: a distorted point is in the usable disc of an equidistant lens; all True for other models.
 
-    All True for the other models; arguments as in `undistort`.
+    Args:
+        xy: (N, 2) distorted normalised coordinates.
+        coefficients: coefficients of the model; (k1, k2, k3, k4, 0) for `equidistant`.
+        model: `brown`, `opencv`, `tsai` or `equidistant`.
     """
     if model != "equidistant":
         return np.ones(len(xy), dtype=np.bool_)
@@ -104,9 +115,14 @@ def is_usable(xy: Floats, coefficients: Floats, model: str) -> Bools:
 
 
 def to_usable(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Distorted normalised points (N, 2), with those outside the usable disc of an equidistant lens moved to its edge.
+    """Return distorted points (N, 2), with those outside the usable disc of an equidistant lens moved to its edge.
 
-    Returns `xy` itself for the other models; arguments as in `undistort`.
+    It is `xy` itself for other models.
+
+    Args:
+        xy: (N, 2) distorted normalised coordinates.
+        coefficients: coefficients of the model; (k1, k2, k3, k4, 0) for `equidistant`.
+        model: `brown`, `opencv`, `tsai` or `equidistant`.
     """
     if model != "equidistant":
         return xy
@@ -116,10 +132,15 @@ def to_usable(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def fold_radius(coefficients: Floats, model: str, far: float) -> float:
-    """Ideal normalised radius up to which a polynomial lens is one-to-one; infinite if it exceeds `far`.
+    """Return the ideal normalised radius up to which a polynomial lens is one-to-one; infinite if it exceeds `far`.
 
     Beyond it the distorted image folds back (OpenCV issue 20736): the determinant of the Jacobian is not positive.
-    Infinite for the models `tsai` and `equidistant`; arguments as in `distort`.
+    Infinite for the models `tsai` and `equidistant`.
+
+    Args:
+        coefficients: of the model: (k1, k2, p1, p2, k3) for `brown`, the 14 of OpenCV for `opencv`.
+        model: `brown`, `opencv`, `tsai` or `equidistant`.
+        far: greatest ideal normalised radius that is examined.
     """
     if model not in ("brown", "opencv") or not np.any(coefficients):
         return np.inf
@@ -132,7 +153,10 @@ def fold_radius(coefficients: Floats, model: str, far: float) -> float:
 
 
 def _bent(theta: Floats, coefficients: Floats) -> Floats:
-    """Distorted radii of rays at angles theta [rad] from the axis of an equidistant lens with `coefficients` (5,)."""
+    """Return distorted normalised radii of rays at angles theta [rad] from the axis of an equidistant lens.
+
+    It is theta (1 + k1 theta^2 + ... + k4 theta^8) for coefficients (k1, k2, k3, k4, 0).
+    """
     t2 = theta * theta
     k1, k2, k3, k4, _ = coefficients
     return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
@@ -166,6 +190,14 @@ def _straight(xy: Floats, coefficients: Floats) -> Floats:
 
 
 def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Return the value (N, 2) of the polynomial of a lens at normalised points.
+
+    Args:
+        xy: (N, 2) points: ideal for `brown` and `opencv`, distorted for `tsai`.
+        coefficients: of the model: (k1, k2, p1, p2, k3) for `brown`, the 14 of OpenCV for `opencv`, (k1, 0, 0, 0, 0)
+            for `tsai`.
+        model: `brown`, `opencv` or `tsai`.
+    """
     x, y = xy[:, 0], xy[:, 1]
     r2 = x * x + y * y
     k1, k2, p1, p2, k3 = coefficients[:5]
@@ -184,9 +216,9 @@ def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def tilt(tau_x: float, tau_y: float) -> Floats:
-    """(3, 3) homography of a sensor tilted by tau_x and tau_y [rad] about x and y.
+    """Return the (3, 3) homography of an image sensor that is tilted by tau_x and tau_y [rad] about x and y.
 
-    As OpenCV's `computeTiltProjectionMatrix`.
+    It maps homogeneous normalised image points of the untilted sensor, as OpenCV's `computeTiltProjectionMatrix`.
     """
     (cx, sx), (cy, sy) = ((np.cos(a), np.sin(a)) for a in (tau_x, tau_y))
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]])
@@ -197,11 +229,13 @@ def tilt(tau_x: float, tau_y: float) -> Floats:
 
 
 def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """(N, 2, 2) Jacobian of the distortion at ideal points, by central differences; row: distorted x, y.
+    """Return the (N, 2, 2) Jacobian of the distortion at ideal points, by central differences.
+
+    Rows are the distorted x and y, columns the ideal x and y.
 
     Args:
         xy: (N, 2) ideal normalised coordinates.
-        coefficients: of the model.
+        coefficients: coefficients of the model, 5 for `brown`, 14 for `opencv`.
         model: a polynomial one, `brown` or `opencv`.
     """
     columns = [
@@ -212,15 +246,14 @@ def jacobian(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Solve `_polynomial` = xy by a fixed-point iteration; converges for distortions of real lenses inside the image.
+    """Return the points (N, 2) at which the polynomial of a lens has the values `xy`, by a fixed-point iteration.
+
+    It converges for distortions of real lenses inside the image.
 
     Args:
         xy: (N, 2) values of the polynomial, in normalised coordinates.
-        coefficients: of the model.
+        coefficients: (k1, k2, p1, p2, k3) for `brown`, (k1, 0, 0, 0, 0) for `tsai`.
         model: `brown`, or `tsai` (its polynomial is from distorted to ideal coordinates).
-
-    Returns:
-        (N, 2) arguments of the polynomial.
     """
     guess = xy.copy()
     # Beyond where a lens folds it does not converge

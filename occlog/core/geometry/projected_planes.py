@@ -28,29 +28,35 @@ BLIND_SIGMAS = 5.0
 
 
 def polar_from_elevation(elevation: Floats) -> Floats:
-    """Polar angles [rad] from +z of elevations [rad] above the xy plane."""
+    """Return polar angles [rad] from +z for elevations [rad] above the xy plane."""
     return np.pi / 2.0 - elevation
 
 
 def direction(theta: Floats, phi: Floats) -> Floats:
-    """(..., 3) unit vectors of azimuths theta and polar angles phi [rad]."""
+    """Return unit vectors (..., 3) for azimuths theta and polar angles phi [rad], which broadcast."""
     s = np.sin(phi)
     return np.stack(np.broadcast_arrays(s * np.cos(theta), s * np.sin(theta), np.cos(phi)), axis=-1)
 
 
 def direction_angles(vector: Floats) -> tuple[Floats, Floats]:
-    """Azimuths [rad, -pi..pi) and polar angles [rad, 0..pi] of vectors (..., 3) of any length."""
+    """Return azimuths [rad, -pi..pi) and polar angles from +z [rad, 0..pi], each (...), of vectors (..., 3).
+
+    The vectors may have any length.
+    """
     theta = wrap_angle(np.arctan2(vector[..., 1], vector[..., 0]))
     return theta, np.arctan2(np.hypot(vector[..., 0], vector[..., 1]), vector[..., 2])
 
 
 def projected_angles(vector: Floats) -> Floats:
-    """(..., 3) angles [rad, -pi..pi) on xy, yz and zx of vectors (..., 3) of any length in the world."""
+    """Return (..., 3) angles [rad, -pi..pi) on the planes xy, yz and zx of vectors (..., 3) of any length in the world.
+
+    They are atan2(y, x), atan2(z, y) and atan2(x, z).
+    """
     return wrap_angle(np.arctan2(vector[..., SECOND], vector[..., FIRST]))
 
 
 def projected_angle_gradients(vector: Floats) -> Floats:
-    """Gradients of the projected angles by the vector itself, [Lee] Eq. 2.35 to 2.38.
+    """Return the gradients of the three projected angles by the components of the vector, [Lee] Eq. 2.35 to 2.38.
 
     grad atan2(b, a) = (a e_b - b e_a) / (a^2 + b^2).
 
@@ -58,7 +64,8 @@ def projected_angle_gradients(vector: Floats) -> Floats:
         vector: (..., 3) in the world, of any length.
 
     Returns:
-        (..., 3, 3), [plane, axis]; zero for a plane to which the vector is normal.
+        (..., 3, 3): second-last axis the plane xy, yz, zx; last axis x, y, z. Zero for a plane to which the vector is
+        normal.
     """
     a, b = vector[..., FIRST], vector[..., SECOND]
     square = a**2 + b**2
@@ -78,26 +85,25 @@ def projected_covariance(
     *,
     pole_term: bool = False,
 ) -> Floats:
-    """First-order covariance of the three projected angles of one sensor.
+    """Return the first-order covariance of the three projected angles (xy, yz, zx) of one sensor.
 
-    With the world's axes and both sigmas equal its diagonal is sigma^2 times 1,
-    (s^2 c^2 cos^2 theta + sin^2 theta) / (1 - s^2 cos^2 theta)^2 and
-    (s^2 c^2 sin^2 theta + cos^2 theta) / (1 - s^2 sin^2 theta)^2 (Figs. 2-2 and 2-3 of [Lee] as formulas).
-    They hold where the line of sight is not near the plane's normal (`blind_planes`) and not
-    near the sensor's own z axis, where an azimuth moves the line by sigma_theta sin phi only.
-    There they fall to zero while the true variance does not, since phi is noisy too.
+    With s = sin phi and c = cos phi, for a sensor with the world's axes and both sigmas equal, the variances are
+    sigma^2 times 1, (s^2 c^2 cos^2 theta + sin^2 theta) / (1 - s^2 cos^2 theta)^2 and (s^2 c^2 sin^2 theta + cos^2
+    theta) / (1 - s^2 sin^2 theta)^2 (Figs. 2-2 and 2-3 of [Lee] as formulas). First order does not hold near a plane's
+    normal (`blind_planes`). Near the sensor's z axis it falls to zero for the azimuth while the true variance does not,
+    since phi is noisy too.
 
     Args:
-        theta: (...,) measured azimuth in the sensor's frame [rad].
-        phi: (...,) measured polar angle in the sensor's frame [rad].
-        sigma_theta: standard deviations of theta [rad], one or (...,).
-        sigma_phi: standard deviations of phi [rad], one or (...,).
-        rotation: (..., 3, 3) world-from-sensor.
-        pole_term: take sin^2 phi + cos^2 phi sigma_phi^2 for sin^2 phi, which mends that:
-            what a filter should do with measured angles.  False is the plain first order.
+        theta: (...) measured azimuth in the sensor's frame [rad].
+        phi: (...) measured polar angle in the sensor's frame [rad].
+        sigma_theta: standard deviations of theta [rad], one or (...).
+        sigma_phi: standard deviations of phi [rad], one or (...).
+        rotation: (..., 3, 3) world-from-sensor rotation.
+        pole_term: use sin^2 phi + cos^2 phi sigma_phi^2 in place of sin^2 phi, which corrects the error near the z
+            axis, for filters with measured angles.
 
     Returns:
-        (..., 3, 3) [rad^2] of rank 2: two angles hold all that the sensor measured.
+        (..., 3, 3) [rad^2] of rank 2, as the sensor measures two angles.
     """
     spread = np.sin(phi) ** 2 + (np.cos(phi) * sigma_phi) ** 2 * pole_term
     sigmas = np.stack([sigma_theta * np.sqrt(spread), np.full(np.shape(phi), sigma_phi)], axis=-1)
@@ -108,16 +114,17 @@ def projected_covariance(
 def blind_planes(
     theta: Floats, phi: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats, rotation: Floats
 ) -> Bools:
-    """(..., 3) whether the line of sight is within 5 sigma of each plane's normal, in either direction along it.
+    """Return (..., 3) whether a line of sight is within 5 sigma of the normal of each plane: xy, yz, zx.
 
-    Sigma is the larger one of the line of sight's two standard deviations, sin(phi) sigma_theta and sigma_phi.
+    Either direction along the line counts. Sigma is the larger of the line's two standard deviations, sin(phi)
+    sigma_theta and sigma_phi.
 
     Args:
         theta: (...) azimuths in the sensor's frame [rad].
-        phi: (...) polar angles [rad].
+        phi: (...) polar angles from the sensor's +z [rad].
         sigma_theta: standard deviation of theta [rad].
         sigma_phi: standard deviation of phi [rad].
-        rotation: (3, 3) world-from-sensor rotation.
+        rotation: (..., 3, 3) world-from-sensor rotation.
     """
     world = _in_world(theta, phi, rotation)
     from_normal = np.arctan2(np.hypot(world[..., FIRST], world[..., SECOND]), np.abs(world[..., NORMAL]))
@@ -126,12 +133,14 @@ def blind_planes(
 
 
 def _tangent_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
-    """(..., 3, 2) gradients of the projected angles by arcs [rad] of the line of sight towards theta and phi.
+    """Return (..., 3, 2) gradients of the projected angles by arcs [rad] of the line of sight.
+
+    Rows are the planes xy, yz, zx; columns are arcs in the directions of rising theta and of rising phi.
 
     Args:
         theta: (...) azimuths in the sensor's frame [rad].
-        phi: (...) polar angles [rad].
-        rotation: (3, 3) world-from-sensor rotation.
+        phi: (...) polar angles from the sensor's +z [rad].
+        rotation: (..., 3, 3) world-from-sensor rotation.
     """
     s, c = np.sin(phi), np.cos(phi)
     to_theta = np.stack([-np.sin(theta), np.cos(theta), np.zeros_like(s)], axis=-1)
@@ -141,22 +150,29 @@ def _tangent_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
 
 
 def _in_world(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
+    """Return unit vectors (..., 3) in the world of lines of sight.
+
+    Args:
+        theta: (...) azimuths in the sensor's frame [rad].
+        phi: (...) polar angles from the sensor's +z [rad].
+        rotation: (..., 3, 3) world-from-sensor rotation.
+    """
     return np.asarray((rotation @ direction(theta, phi)[..., None])[..., 0])
 
 
 def select_by_variance(variance: Floats, blind: Bools) -> Ints:
-    """The two least variances on different planes, among all sensors ([Lee] Sec. 2.2.3).
+    """Return the two projected angles of least variance on different planes, among all sensors ([Lee] Sec. 2.2.3).
 
-    The rule ignores what the two have in common: where the line of sight has no
-    component along their shared axis, two planes of one sensor are redundant (`projected_covariance`).
+    The rule ignores the correlation of the two: where the line of sight has no component along their shared axis, two
+    planes of one sensor are redundant.
 
     Args:
-        variance: (..., S, 3) of the projected angles of S sensors [rad^2]; NaN: no measurement.
+        variance: (..., S, 3) of the projected angles of S sensors on xy, yz, zx [rad^2]; NaN: no measurement.
         blind: (..., S, 3) planes that must not be chosen.
 
     Returns:
-        (..., 2, 2) rows (sensor, plane), the least variance first; (-1, -1) where no plane is
-        left.  Of equal ones the first sensor and the first plane are taken.
+        (..., 2, 2) rows (sensor, plane), the least variance first; (-1, -1) where no plane is left. Of equal ones the
+        first sensor and the first plane are taken. Planes: 0 for xy, 1 for yz, 2 for zx.
     """
     cost = np.where(blind | np.isnan(variance), np.inf, variance)
     sensor = np.argmin(cost, axis=-2)  # the best one for each plane
@@ -168,17 +184,17 @@ def select_by_variance(variance: Floats, blind: Bools) -> Ints:
 
 
 def select_as_printed(phi: Floats) -> Ints:
-    """The rule printed in [Lee] Sec. 2.2.1 and 2.2.3, kept for the reproduction: it is no better than chance.
+    """Return the two planes of the rule printed in [Lee] Sec. 2.2.1 and 2.2.3; it is no better than a random choice.
 
-    A sensor prefers yz where 45 < phi < 135 deg and zx elsewhere.  With one sensor the
-    other plane is always xy.  With several, the first sensor's preferred plane goes with the one of
-    the first sensor that prefers another plane; where all prefer the same, with xy of the first sensor.
+    A sensor prefers yz where 45 < phi < 135 deg and zx elsewhere. With one sensor the other plane is always xy. With
+    several, the first sensor's preferred plane is combined with that of the first sensor that prefers another plane; if
+    all prefer one plane, with xy of the first sensor.
 
     Args:
         phi: (..., S) measured polar angles [rad].
 
     Returns:
-        (..., 2, 2) rows (sensor, plane).
+        (..., 2, 2) rows (sensor, plane), with planes 0 for xy, 1 for yz, 2 for zx.
     """
     preferred = np.where((phi > np.pi / 4.0) & (phi < 0.75 * np.pi), YZ, ZX)
     other = preferred != preferred[..., :1]

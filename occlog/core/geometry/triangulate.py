@@ -35,7 +35,10 @@ CAUCHY_C = 2.385
 
 
 class TriangulatedPoint(NamedTuple):
-    """Triangulated position of each scan; NaN unless `status` is `TRIANGULATED`."""
+    """Result of triangulation: position, covariance and status number of each scan, and the residual of each line.
+
+    Positions, covariances and residuals are NaN where the status is not `TRIANGULATED`.
+    """
 
     xy: Floats  # (S, 2)
     covariance: Floats  # (S, 2, 2)
@@ -51,20 +54,19 @@ def triangulate(
     loss: str = "gauss",
     min_crossing: float = math.radians(5.0),
 ) -> TriangulatedPoint:
-    """Find the most likely position of a target for each scan, its covariance, and the lines' residuals.
+    """Return the most likely position of a target for each scan, its covariance and status, and the lines' residuals.
 
-    Minimises sum rho(wrap(azimuth - atan2(y - oy, x - ox)) / sigma) by Gauss-Newton with
-    iterative reweighting, from the best crossing of two lines.  With `gauss` this is the maximum
-    likelihood estimate and the covariance the inverse of its Fisher information; the
-    robust losses give lines that miss the others less weight, also in the covariance.
+    Minimises sum rho(wrap(azimuth - atan2(y - oy, x - ox)) / sigma) by Gauss-Newton with iterative reweighting, from
+    the best crossing of two lines. With `gauss` this is the maximum likelihood estimate and the covariance the inverse
+    of its Fisher information; the robust losses give outliers less weight, also in the covariance.
 
     Args:
-        origins: (R, 2) sensor positions.
+        origins: (R, 2) sensor positions; the rows of a scan are consecutive.
         azimuths: (R,) of the lines [rad].
         sigmas: (R,) standard deviations [rad], > 0.
         starts: (S + 1,) first row of each scan, then R.
         loss: `gauss`, `huber` or `cauchy`.
-        min_crossing: scans with lines that cross at smaller angles than this are refused [rad].
+        min_crossing: scans whose lines cross at smaller angles than this give no position [rad].
 
     Raises:
         ValueError: unknown loss.
@@ -78,12 +80,16 @@ def triangulate(
 
 @kernel
 def _wrap(angle: float) -> float:
+    """Return an angle [rad] wrapped to [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 @kernel
 def _cost(r: float, loss: int) -> float:
-    """Robust loss rho of a standardised residual r; `loss` is a number in `LOSSES`."""
+    """Return the robust loss rho of a residual r in standard deviations.
+
+    `loss` is 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
+    """
     if loss == 1:
         a = abs(r)
         return 0.5 * r * r if a <= HUBER_K else HUBER_K * (a - 0.5 * HUBER_K)
@@ -94,7 +100,10 @@ def _cost(r: float, loss: int) -> float:
 
 @kernel
 def _weight(r: float, loss: int) -> float:
-    """IRLS weight rho'(r) / r, 0 to 1, of a standardised residual r; `loss` is a number in `LOSSES`."""
+    """Return the weight rho'(r) / r, 0 to 1, of a residual r in standard deviations, for reweighted least squares.
+
+    `loss` is 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
+    """
     if loss == 1:
         return min(1.0, HUBER_K / max(abs(r), 1e-300))
     if loss == 2:
@@ -104,6 +113,16 @@ def _weight(r: float, loss: int) -> float:
 
 @kernel
 def _total_cost(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
+    """Return the sum over R lines of the loss of their residuals at the position (x, y).
+
+    Args:
+        x: position.
+        y: position.
+        o: (R, 2) positions of the sensors.
+        beta: (R,) azimuths of the lines [rad].
+        sigma: (R,) their standard deviations [rad].
+        loss: 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
+    """
     total = 0.0
     for i in range(beta.shape[0]):
         total += _cost(_wrap(beta[i] - math.atan2(y - o[i, 1], x - o[i, 0])) / sigma[i], loss)
@@ -112,7 +131,7 @@ def _total_cost(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss
 
 @kernel
 def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float) -> tuple[int, float, float]:
-    """Best crossing of two of R lines: ahead of both sensors, with the least total loss over all lines.
+    """Return the best crossing of two of R lines: ahead of both sensors, with the least total loss over all lines.
 
     Args:
         o: (R, 2) positions of the sensors.
@@ -148,9 +167,10 @@ def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: 
 def _normal_equations(
     x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int
 ) -> tuple[float, float, float, float, float]:
-    """Normal equations at (x, y): A = sum w g g^T / sigma^2 (returned as xx, xy, yy) and b = sum w g r / sigma (x, y).
+    """Return the normal equations of the position at (x, y): the matrix as xx, xy, yy, and the right side as x, y.
 
-    g is the gradient of a line's azimuth, r its residual in standard deviations, w the weight of r by the loss.
+    The matrix is A = sum w g g^T / sigma^2, the right side b = sum w g r / sigma, with g the gradient of a line's
+    azimuth, r its residual in standard deviations, and w the weight of r by the loss.
 
     Args:
         x: position.
@@ -158,7 +178,7 @@ def _normal_equations(
         o: (R, 2) positions of the sensors.
         beta: (R,) azimuths of the lines [rad].
         sigma: (R,) their standard deviations [rad].
-        loss: number in `LOSSES`.
+        loss: 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
     """
     axx = axy = ayy = bx = by = 0.0
     for i in range(beta.shape[0]):
@@ -214,9 +234,9 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
 
 @kernel
 def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
-    """Sine of the widest crossing angle of two lines that point at (x, y) with at least half weight; 0 if none do.
+    """Return the sine of the widest crossing angle of two lines that point at (x, y) with at least half weight.
 
-    With the Gaussian loss (0) every line has to point there, so one that points away makes it 0.
+    It is 0 if there are no two such lines; with the Gaussian loss, also if one of all lines points away.
 
     Args:
         x: position.
@@ -224,7 +244,7 @@ def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, l
         o: (R, 2) positions of the sensors.
         beta: (R,) azimuths of the lines [rad].
         sigma: (R,) their standard deviations [rad].
-        loss: number in `LOSSES`.
+        loss: 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
     """
     widest = 0.0
     for i in range(beta.shape[0]):
@@ -244,7 +264,7 @@ def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, l
 def _triangulate_one(
     o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float
 ) -> tuple[int, float, float, float, float, float]:
-    """Triangulate one scan of R lines: status, x, y, covariance xx, xy, yy; NaN unless the status is `TRIANGULATED`.
+    """Return status, x, y and covariance xx, xy, yy of one scan of R lines; NaN unless the status is `TRIANGULATED`.
 
     Args:
         o: (R, 2) positions of the sensors.
@@ -276,6 +296,18 @@ def _triangulate_one(
 def _triangulate_all(
     origins: Floats, azimuths: Floats, sigmas: Floats, starts: Ints, loss: int, min_sine: float
 ) -> tuple[Floats, Floats, Ints, Floats]:
+    """Return positions (S, 2), covariances (S, 2, 2), status numbers (S,) and residuals (R,) [rad] of S scans.
+
+    All but the status is NaN where a scan is not `TRIANGULATED`.
+
+    Args:
+        origins: (R, 2) sensor positions.
+        azimuths: (R,) of the lines [rad].
+        sigmas: (R,) standard deviations [rad].
+        starts: (S + 1,) first row of each scan, then R.
+        loss: 0 for r^2 / 2, 1 for Huber, 2 for Cauchy.
+        min_sine: least sine of the widest crossing angle.
+    """
     n = starts.shape[0] - 1
     xy, covariance = np.empty((n, 2)), np.empty((n, 2, 2))
     status, residual = np.empty(n, dtype=np.int64), np.empty(azimuths.shape[0])
@@ -294,7 +326,7 @@ NO_SOURCE = np.empty((0, 2))
 
 
 class SourceDirections(NamedTuple):
-    """R directions (azimuths) of one time step."""
+    """R directions of sound (azimuths) of one time step, with number and position of the array that measured each."""
 
     array: Ints  # (R,) which array each is of
     origin: Floats  # (R, 2) where that array is
@@ -303,7 +335,7 @@ class SourceDirections(NamedTuple):
 
 
 class LocatedSources(NamedTuple):
-    """N source positions with covariances and the number of supporting arrays."""
+    """N positions of sources, with their covariances and the number of arrays whose directions support each."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
@@ -313,14 +345,18 @@ class LocatedSources(NamedTuple):
 def localise(
     d: SourceDirections, known: Floats, spread: Floats, region: Floats, gate: float, min_crossing: float
 ) -> LocatedSources:
-    """Locate sources from the directions of one time step.
+    """Return the sources located from unlabelled directions of one time step.
+
+    Directions of two arrays are crossed, those of other arrays near a crossing are added, and of these groups a set is
+    chosen in which each direction is used once: larger groups first, then those that fit best and are near a known
+    source.
 
     Args:
         d: directions, of any number of arrays.
-        known: (K, 2) where sources are expected.
-        spread: (K, 2, 2) covariances of that.
+        known: (K, 2) positions of the known sources.
+        spread: (K, 2, 2) covariances of these positions.
         region: (P, 2) polygon in which sources can be.
-        gate: standard deviations within which a direction supports a position.
+        gate: largest residual of a direction that supports a position, in standard deviations.
         min_crossing: directions that cross at a smaller angle give no position [rad].
     """
     # Cross: every two directions of different arrays, inside the region
@@ -349,16 +385,14 @@ def localise(
 
 
 def _choose(groups: list[Ints], cost: Floats) -> list[int]:
-    """Select groups without common directions: the set that uses most directions, among these the cheapest.
+    """Return the indices, sorted, of selected groups of directions that have no direction in common.
 
-    Every group is tried as the first; the others are added greedily, larger ones first.
+    The selected set has the largest sum of group sizes less one; of equal sets, the least total cost. Each group is
+    tried as the first; the others are added greedily, larger ones first, then cheaper ones.
 
     Args:
-        groups: indices of the directions of each of n groups.
-        cost: (n,) of the groups.
-
-    Returns:
-        Indices of the groups.
+        groups: indices of the directions of each of n groups; a group without directions is not selected.
+        cost: (n,) cost of each group.
     """
     order = sorted((g for g in range(len(groups)) if len(groups[g])), key=lambda g: (-len(groups[g]), cost[g], g))
     sets = [frozenset(r.tolist()) for r in groups]
@@ -378,7 +412,7 @@ def _choose(groups: list[Ints], cost: Floats) -> list[int]:
 
 
 def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> tuple[Floats, Floats]:
-    """Positions (n, 2) and covariances (n, 2, 2) of n groups of directions; positions are NaN if the lines do not meet.
+    """Return positions (n, 2) and covariances (n, 2, 2) of n groups of directions; NaN if the lines do not meet.
 
     Args:
         d: directions of one time step.
@@ -394,12 +428,14 @@ def _triangulate(d: SourceDirections, rows: list[Ints], min_crossing: float) -> 
 
 
 def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
-    """(C, R) absolute residual of each of R directions at each of C positions, in standard deviations of both.
+    """Return the (C, R) absolute residual of each of R directions at each of C positions, in standard deviations.
+
+    The variance is that of the direction and of the position, projected on the azimuth.
 
     Args:
         d: R directions of one time step.
         xy: (C, 2) positions.
-        cov: (C, 2, 2) their covariances.
+        cov: (C, 2, 2) covariances of the positions.
     """
     away = xy[:, None] - d.origin[None]
     r2 = np.maximum(np.sum(away**2, axis=2), 1e-300)
@@ -410,13 +446,15 @@ def _misfit(d: SourceDirections, xy: Floats, cov: Floats) -> Floats:
 
 
 def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
-    """Sorted indices of the directions that support a position: its own two, and of every other array the nearest one.
+    """Return the sorted indices of directions that support a position.
+
+    They are the two directions that cross there, and of each other array the one with the least residual.
 
     Args:
         d: R directions of one time step.
         pair: (2,) indices of the two directions that cross at the position.
         off: (R,) absolute residuals at the position, in standard deviations.
-        gate: directions with a larger residual support nothing.
+        gate: limit of the residual; an array without a direction within it does not contribute.
     """
     rows = pair.tolist()
     for a in np.unique(d.array).tolist():
@@ -428,7 +466,9 @@ def _support(d: SourceDirections, pair: Ints, off: Floats, gate: float) -> Ints:
 
 
 def _nearest(xy: Floats, cov: Floats, known: Floats, spread: Floats, gate: float) -> Floats:
-    """(C,) squared Mahalanobis distance of each position to the nearest known source, at most gate^2.
+    """Return the (C,) squared Mahalanobis distance of each position to the nearest known source, at most gate^2.
+
+    It is gate^2 without known sources.
 
     Args:
         xy: (C, 2) positions.
@@ -443,7 +483,9 @@ def _nearest(xy: Floats, cov: Floats, known: Floats, spread: Floats, gate: float
 
 
 def distance2(xy: Floats, cov: Floats, known: Floats, spread: Floats) -> Floats:
-    """(C, K) squared Mahalanobis distances between positions and known sources, with the sum of both covariances.
+    """Return the (C, K) squared Mahalanobis distances between positions and known sources.
+
+    The covariance of a difference is the sum of both covariances.
 
     Args:
         xy: (C, 2) positions.

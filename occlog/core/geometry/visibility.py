@@ -38,7 +38,10 @@ SLACK = 1e-9
 
 
 class Sensors(NamedTuple):
-    """S sensors, and the polygons that occlude the view of each of them."""
+    """S sensors in the plane (position, axis, field of view, range), and the polygons that occlude the view of each.
+
+    They are packed in arrays for kernels (`make_sensors`).
+    """
 
     xy: Floats  # (S, 2) position
     axis: Floats  # (S, 2) cosine and sine of the yaw
@@ -51,14 +54,14 @@ class Sensors(NamedTuple):
 
 
 def make_sensors(xy: Floats, yaw: Floats, fov: Floats, reach: Floats, walls: Sequence[Sequence[Floats]]) -> Sensors:
-    """Pack sensors for the kernels.
+    """Return sensors, with their fields of view and the polygons that occlude their views, packed for kernels.
 
     Args:
         xy: (S, 2) positions.
         yaw: (S,) azimuth of the axis [rad].
         fov: (S,) full field of view [rad]; NaN for a sensor that sees all around and has no axis.
         reach: (S,) greatest distance; may be infinite.
-        walls: for each sensor the polygons (K, 2) that hide things from it.
+        walls: for each sensor the polygons (K, 2) that occlude its view.
     """
     with np.errstate(invalid="ignore"):
         cosine = np.where(fov < np.pi, np.cos(0.5 * fov), 0.0)
@@ -78,12 +81,16 @@ def make_sensors(xy: Floats, yaw: Floats, fov: Floats, reach: Floats, walls: Seq
 
 
 def _cone(origin: Floats, wall: Floats) -> Floats:
-    """Prepare the quick tests of a wall.
+    """Return the constants of the quick tests of whether a wall occludes a position.
+
+    Args:
+        origin: (2,) position of the sensor.
+        wall: (K, 2) polygon.
 
     Returns:
-        (8,): right ray and left ray from the origin around the wall (unit vectors; 0 where the
-        wall may be in any direction), square of its distance, and unit normal and offset of a
-        line, relative to the origin: within the rays and beyond the line everything is hidden.
+        (8,): right and left ray from the sensor around the wall (unit vectors; 0 where the wall may be in any
+        direction), squared distance of the wall, unit normal and offset (relative to the sensor) of a line. All
+        positions between the rays and beyond the line are occluded; an infinite offset: this test is not made.
     """
     wall = np.ascontiguousarray(wall, dtype=np.float64)
     rays = wall - origin
@@ -109,6 +116,7 @@ def _cone(origin: Floats, wall: Floats) -> Floats:
 
 
 def _convex(polygon: Floats) -> bool:
+    """Return whether a polygon (K, 2) of either orientation is convex."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     following = np.roll(edges, -1, axis=0)
     cross = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
@@ -117,9 +125,14 @@ def _convex(polygon: Floats) -> bool:
 
 @kernel
 def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
-    """(L,) mask of the positions `xy` (L, 2) to which sensor i is assigned: in view, in range and not behind a wall.
+    """Return (N,) booleans: positions are in view and in range of a sensor, and not behind one of its walls.
 
-    A position behind a camera (d <= 0) is never assigned, so that h/d may be computed where the mask is true.
+    A position behind a camera (d <= 0) is never seen, so that h / d may be computed where the mask is True.
+
+    Args:
+        xy: (N, 2) positions.
+        i: index of the sensor.
+        sensors: all sensors, with their walls.
     """
     x0, y0, reach2, cos2 = sensors.xy[i, 0], sensors.xy[i, 1], sensors.reach2[i], sensors.cos2[i]
     c, s = sensors.axis[i, 0], sensors.axis[i, 1]
@@ -138,10 +151,10 @@ def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
 
 @kernel
 def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, cone: Floats) -> None:
-    """Set `seen` to False, in place, at positions that the wall occludes from (x0, y0).
+    """Set `seen` to False, in place, at positions that a wall occludes from a sensor at (x0, y0).
 
-    Most positions are clearly nearer than the wall, clearly to its side or clearly behind it;
-    the exact test is only for the others.
+    Positions that are clearly nearer than the wall, to its side or behind it are decided by `cone`; only for the others
+    the exact test is made.
 
     Args:
         seen: (L,) mask; positions that are False already are skipped.
@@ -149,7 +162,8 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         x0: position of the sensor.
         y0: position of the sensor.
         wall: (K, 2) polygon.
-        cone: (8,) row of `Sensors.cone` of this wall and sensor.
+        cone: (8,) right ray, left ray, squared distance, normal and offset of a line, as `_cone` returns them for this
+            wall and sensor.
     """
     rx, ry, lx, ly, near2 = cone[0], cone[1], cone[2], cone[3], cone[4] * (1.0 - SLACK)
     nx, ny, offset = cone[5], cone[6], cone[7]
@@ -172,7 +186,7 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
 
 
 def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
-    """Mask of points in front of a camera (d > 0), in its field of view and in range (limits included).
+    """Return a mask of points in front of a camera (d > 0), in its field of view and in range (limits included).
 
     Args:
         h: offset to the left of the optical axis, any shape.
@@ -185,7 +199,7 @@ def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
 
 
 def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
-    """(N,) mask of points that a polygon occludes.
+    """Return (N,) booleans: a polygon is between the sensor and the point, or holds the point.
 
     Args:
         origin: (2,) or (3,) position of the sensor; z is ignored.
@@ -200,18 +214,16 @@ def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
 
 
 def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) -> Bools:
-    """Mask of points that a moving object occludes: its centre is in the rectangle A(x) of [Ercan] Fig. 3.
+    """Return (T,) booleans: a moving object occludes the point of a time from the sensor.
 
-    The rectangle reaches from the sensor to the point, half a diameter to either side of the line of sight.
+    Its centre is in the rectangle A(x) of [Ercan] Fig. 3, from the sensor to the point and half a diameter to either
+    side of the line of sight.
 
     Args:
-        origin: (2,) the sensor.
-        xy: (T, 2) points, one a time.
-        others: (T, m, 2) centres of the other objects; NaN hides nothing.
-        diameter: of the objects.
-
-    Returns:
-        (T,) bool.
+        origin: (2,) position of the sensor.
+        xy: (T, 2) points, one for each time.
+        others: (T, m, 2) centres of the m other objects; NaN occludes nothing.
+        diameter: diameter of the objects.
     """
     ray = xy - origin[:2]
     length = np.hypot(ray[:, 0], ray[:, 1])
@@ -241,7 +253,11 @@ MIN_RELATIVE_DISTANCE = 1e-6
 
 
 class ViewPrior(NamedTuple):
-    """Parameters of the prior position of a target, from S sensors in scene order; all lengths in one unit."""
+    """Prior of a target's position from the views of S sensors: a mixture of sectors and of a box around the sensors.
+
+    In a sector, given by origin, axis, field of view, far limit and share, distance and azimuth are uniform. All
+    lengths have one unit.
+    """
 
     origin: Floats  # (S, 2) where they stand
     axis: Floats  # (S,) azimuth of the middle of the view [rad]
@@ -253,7 +269,10 @@ class ViewPrior(NamedTuple):
 
 
 class ScanDirectionsInPlane(NamedTuple):
-    """R directions that sensors measured at one time, in the plane."""
+    """R directions (azimuths) that sensors measured at one time, with their standard deviations.
+
+    Also position, standard deviation of the position, greatest distance of a target and number of the sensor of each.
+    """
 
     origin: Floats  # (R, 2)
     azimuth: Floats  # (R,) [rad]
@@ -263,14 +282,17 @@ class ScanDirectionsInPlane(NamedTuple):
     sensor: Ints  # (R,) lines of one sensor do not cross
 
     def sigma_at(self, distance: Floats) -> Floats:
-        """(..., R) standard deviation [rad] of the azimuth of a target at distances (..., R), pose errors included."""
+        """Return standard deviations (..., R) [rad] of the azimuths of targets at distances (..., R).
+
+        They include the effect of the position errors of the sensors.
+        """
         return np.asarray(
             np.hypot(self.sigma, self.sigma_origin / np.maximum(distance, MIN_RELATIVE_DISTANCE * self.far))
         )
 
 
 def draw(n: int, prior: ViewPrior, rng: Generator) -> Floats:
-    """Sample (n, 2) positions from the prior."""
+    """Return n positions (n, 2) sampled from the prior, with random numbers of `rng`."""
     which = rng.choice(len(prior.far), size=n, p=prior.share)
     r, turn = prior.far[which] * rng.random(n), prior.axis[which] + prior.fov[which] * (rng.random(n) - 0.5)
     xy = prior.origin[which] + r[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -280,7 +302,7 @@ def draw(n: int, prior: ViewPrior, rng: Generator) -> Floats:
 
 
 def prior_moments(prior: ViewPrior) -> tuple[Floats, Floats]:
-    """Mean (2,) and covariance (2, 2) of the prior, in closed form."""
+    """Return the mean (2,) and the covariance (2, 2) of the prior position, in closed form."""
     # A wedge: distance uniform up to `far`, azimuth uniform within the field of view
     c, s = np.cos(prior.axis), np.sin(prior.axis)
     once, twice = np.sinc(0.5 * prior.fov / np.pi), np.sinc(prior.fov / np.pi)
@@ -300,7 +322,7 @@ def prior_moments(prior: ViewPrior) -> tuple[Floats, Floats]:
 
 
 def log_density(xy: Floats, prior: ViewPrior) -> Floats:
-    """(N,) log density of the prior at positions (N, 2); -inf where no sensor sees and outside the box."""
+    """Return the (N,) log density of the prior at positions (N, 2); -inf outside all sectors and the box."""
     away = xy[:, None] - prior.origin
     r = np.hypot(away[..., 0], away[..., 1])
     off = np.abs(wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - prior.axis))
@@ -313,20 +335,20 @@ def log_density(xy: Floats, prior: ViewPrior) -> Floats:
 
 
 def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rng: Generator) -> tuple[Floats, Floats]:
-    """Sample initial positions of a target, given lines of sight, with importance weights.
+    """Return initial positions of a target, sampled from the lines of sight of one scan, with importance weights.
 
     The proposal is a mixture: along each line, uniform in distance; around crossings of lines of different sensors; and
-    the prior itself. With the returned weights the positions represent the prior; the likelihood of the scan is not
-    included.
+    the prior itself. With the weights the positions represent the prior; the likelihood of the scan is not included.
 
     Args:
         n: number of positions.
-        lines: what was seen; no line gives draws from the prior.
-        prior: where a target can be.
-        rng: draws.
+        lines: directions measured in the scan; without any, positions are sampled from the prior.
+        prior: prior of the target's position.
+        rng: source of random numbers.
 
     Returns:
-        (n, 2) positions and (n,) log weights, of the prior's density over the density of the draws.
+        (n, 2) positions and (n,) log weights: log of the prior's density over the density of the proposal; -inf outside
+        the prior.
     """
     centre, covariance = crossings(lines, rng)
     # Shares of the mixture
@@ -356,9 +378,14 @@ def initial_positions(n: int, lines: ScanDirectionsInPlane, prior: ViewPrior, rn
 
 
 def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Floats]:
-    """(K, 2) crossings of lines of different sensors ahead of both, and proposal covariances (K, 2, 2) there.
+    """Return crossings (K, 2) of lines of different sensors ahead of both, and covariances (K, 2, 2) for sampling.
 
-    Lines that are nearly parallel, and crossings out of range, are left out.
+    The covariances are those of the crossings, enlarged by `CROSSING_INFLATION` squared. Lines that are nearly parallel
+    and crossings out of range are left out; of more than `MAX_CROSSINGS` a random subset is returned.
+
+    Args:
+        lines: directions of one scan.
+        rng: source of random numbers for the subset.
     """
     pairs = [(i, j) for i, j in combinations(range(len(lines.azimuth)), 2) if lines.sensor[i] != lines.sensor[j]]
     if not pairs:
@@ -384,15 +411,12 @@ def crossings(lines: ScanDirectionsInPlane, rng: Generator) -> tuple[Floats, Flo
 
 
 def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
-    """Sample positions along random lines of sight: distances are uniform, azimuths normally distributed.
+    """Return positions (n, 2) sampled along random lines of sight: uniform distances, normally distributed azimuths.
 
     Args:
         n: number of positions.
         lines: directions of one scan.
-        rng: generator that is used.
-
-    Returns:
-        (n, 2) positions.
+        rng: source of random numbers.
     """
     which = rng.integers(len(lines.azimuth), size=n)
     r = lines.far[which] * rng.random(n)
@@ -404,14 +428,11 @@ def _along(n: int, lines: ScanDirectionsInPlane, rng: Generator) -> Floats:
 
 
 def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
-    """Probability density with which `_along` samples positions.
+    """Return the (N,) probability densities with which `_along` samples positions: the mean over all lines.
 
     Args:
         xy: (N, 2) positions.
         lines: directions of one scan.
-
-    Returns:
-        (N,) densities, the mean over all lines.
     """
     away = xy[:, None] - lines.origin
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), MIN_RELATIVE_DISTANCE * lines.far)
@@ -422,7 +443,7 @@ def _density_along(xy: Floats, lines: ScanDirectionsInPlane) -> Floats:
 
 
 def _density_at(xy: Floats, centre: Floats, covariance: Floats) -> Floats:
-    """(N,) density at positions `xy` (N, 2) of an equal mixture of K normal distributions, one around each crossing.
+    """Return the (N,) density at positions of an equal mixture of K normal distributions, one around each crossing.
 
     Args:
         xy: (N, 2) positions.

@@ -25,7 +25,7 @@ CHI2_95_3D = 7.814727903251179
 
 
 class ErrorSums(NamedTuple):
-    """Count and sums of squares of errors, from which RMSEs follow."""
+    """Number of position errors in the plane, and their sums of squares along x and y, from which RMSEs follow."""
 
     n: int
     square_x: float
@@ -33,20 +33,21 @@ class ErrorSums(NamedTuple):
 
     @property
     def rmse(self) -> float:
-        """Root mean squared distance ([Ercan] Sec. 6); NaN without errors."""
+        """Return the root mean squared distance ([Ercan] Sec. 6), in the unit of the errors; NaN without errors."""
         return self._root(self.square_x + self.square_y)
 
     @property
     def rmse_x(self) -> float:
-        """Root mean squared error along x; NaN without errors."""
+        """Return the root mean squared error along x; NaN without errors."""
         return self._root(self.square_x)
 
     @property
     def rmse_y(self) -> float:
-        """Root mean squared error along y; NaN without errors."""
+        """Return the root mean squared error along y; NaN without errors."""
         return self._root(self.square_y)
 
     def _root(self, total: float) -> float:
+        """Return sqrt(total / number of errors); NaN without errors."""
         return math.sqrt(total / self.n) if self.n else math.nan
 
 
@@ -57,17 +58,19 @@ def error_sums(errors: Floats) -> ErrorSums:
 
 
 def add_sums(parts: Iterable[ErrorSums]) -> ErrorSums:
-    """Total of several sums."""
+    """Return the total of several `ErrorSums`: numbers and sums of squares are added."""
     rows = list(parts)
     return ErrorSums(sum(p.n for p in rows), math.fsum(p.square_x for p in rows), math.fsum(p.square_y for p in rows))
 
 
 def normalised_squared_errors(errors: Floats, covariances: Floats) -> Floats:
-    """NEES e^T P^-1 e of each error; chi-square with 2 degrees of freedom for a consistent filter.
+    """Return the NEES e^T P^-1 e of each error in the plane.
+
+    It has a chi-square distribution with 2 degrees of freedom for a consistent filter.
 
     Args:
-        errors: (N, 2).
-        covariances: (N, 2, 2), positive semi-definite.
+        errors: (N, 2) position errors e.
+        covariances: (N, 2, 2) covariances P, positive semi-definite.
 
     Returns:
         (N,), NaN where P is singular to rounding.
@@ -81,14 +84,16 @@ def normalised_squared_errors(errors: Floats, covariances: Floats) -> Floats:
 
 
 def normalised_squared_errors_in_space(errors: Floats, covariances: Floats) -> Floats:
-    """NEES e^T P^-1 e of each error in space; chi-square with 3 degrees of freedom for a consistent filter.
+    """Return the NEES e^T P^-1 e of each error in space.
+
+    It has a chi-square distribution with 3 degrees of freedom for a consistent filter.
 
     Args:
-        errors: (N, 3), NaN where not known.
-        covariances: (N, 3, 3), positive semi-definite, NaN where not known.
+        errors: (N, 3) position errors e, NaN where unknown.
+        covariances: (N, 3, 3) covariances P, positive semi-definite, NaN where unknown.
 
     Returns:
-        (N,), NaN where anything is not known and where P is singular to rounding.
+        (N,), NaN where a value is unknown and where P is singular to rounding.
     """
     scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
     known = np.isfinite(errors).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (scale > 0).all(axis=1)
@@ -103,20 +108,20 @@ def normalised_squared_errors_in_space(errors: Floats, covariances: Floats) -> F
 
 
 def quantile(values: Floats, q: float) -> float:
-    """Quantile `q` (0 to 1) of finite values (n,), linearly interpolated; NaN without values."""
+    """Return the quantile `q` (0 to 1) of finite values (n,), linearly interpolated; NaN without values."""
     return float(np.quantile(values, q)) if len(values) else math.nan
 
 
 def ratio_or_nan(part: float, whole: float) -> float:
-    """Ratio of part to whole; NaN if the whole is 0 or either is NaN."""
+    """Return the ratio of part to whole; NaN if the whole is 0 or either is NaN."""
     return part / whole if whole else math.nan
 
 
 def pair_within(cost: Floats, limit: float) -> list[tuple[int, int]]:
-    """One-to-one pairs (row, column) with cost at most `limit`: maximum number, then least total cost.
+    """Return one-to-one pairs (row, column) that cost at most `limit`: as many as possible, then of least total cost.
 
     Args:
-        cost: (n, m) non-negative; infinite or NaN where a pair cannot be.
+        cost: (n, m) non-negative; infinite or NaN where a pair is impossible.
         limit: largest cost of a pair.
     """
     allowed = cost <= limit
@@ -129,17 +134,14 @@ def pair_within(cost: Floats, limit: float) -> list[tuple[int, int]]:
 
 
 def pair_tracks(squared_errors: Sequence[Sequence[Floats]]) -> list[tuple[int, int]]:
-    """Pairs (track, target) that give the smallest overall RMSE.
+    """Return pairs (track, target), of indices, that give the smallest overall RMSE; by track.
 
     So that uncovered times are not rewarded, each covered time has the value c^2 - e^2, with c^2 twice the largest
     squared error, and the total value is maximised. If all tracks cover the same times this is the assignment with the
-    least RMSE.
+    least RMSE. Pairs share at least one time.
 
     Args:
         squared_errors: `[i][j]` squared errors of track i against target j at the times they share.
-
-    Returns:
-        Pairs that share at least one time, by track.
     """
     worst = max((float(e.max()) for row in squared_errors for e in row if len(e)), default=0.0)
     cells = [(i, j, e) for i, row in enumerate(squared_errors) for j, e in enumerate(row)]
@@ -150,27 +152,27 @@ def pair_tracks(squared_errors: Sequence[Sequence[Floats]]) -> list[tuple[int, i
 
 
 def pair_by_sums(tracks: Ints, targets: Ints, shared: Floats, squares: Floats, worst: float) -> Ints:
-    """Indices of the couples that `pair_tracks` selects, given their sums of squared errors.
+    """Return indices of the pairs of tracks and targets that `pair_tracks` selects, given sums of squared errors.
 
     Args:
-        tracks: (n,) number of each couple's track.
-        targets: (n,) number of its target; no couple comes twice.
-        shared: (n,) number of times that they share.
-        squares: (n,) sum of their squared errors.
-        worst: the largest squared error of all.
+        tracks: (n,) number of the track of each possible pair.
+        targets: (n,) number of its target; no pair occurs twice.
+        shared: (n,) number of times that both share.
+        squares: (n,) sum of squared errors at these times.
+        worst: largest squared error of all possible pairs.
     """
     return maximum_weight_matching(tracks, targets, shared * (2.0 * worst + 1e-300) - squares)
 
 
 def intersection_areas(a: Floats, b: Floats) -> Floats:
-    """(n, m) intersection areas of boxes a (n, 4) and b (m, 4); a box is left, top, width, height."""
+    """Return the (n, m) intersection areas of boxes a (n, 4) and b (m, 4): left, top, width, height."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, :2] + a[:, None, 2:], b[None, :, :2] + b[None, :, 2:])
     return np.asarray(np.prod(np.clip(high - low, 0.0, None), axis=2))
 
 
 def intersection_over_union(a: Floats, b: Floats) -> Floats:
-    """(n, m) intersection over union of boxes a (n, 4) and b (m, 4)."""
+    """Return the (n, m) intersection over union of boxes a (n, 4) and b (m, 4): left, top, width, height."""
     shared = intersection_areas(a, b)
     union = np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None, :] - shared
     return np.asarray(shared / union)
@@ -201,19 +203,19 @@ class Sum:
 
     @property
     def value(self) -> float:
-        """Total of all values added, accurate beyond the rounding of each step."""
+        """Return the total of all values added, accurate beyond the rounding of each step."""
         return self._total + self._lost
 
 
 def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequence[float]) -> list[float]:
-    """Quantiles as by `np.quantile` (linear interpolation) of numbers that are generated in blocks.
+    """Return the quantiles of numbers that are generated in blocks, by `np.quantile`'s linear interpolation.
 
-    The order statistics are found bit by bit, `DIGIT` bits in each of four passes.
+    The order statistics are found bit by bit, `DIGIT` bits in each of four passes over the numbers.
 
     Args:
-        blocks: gives the same finite numbers each time, in blocks of any size.
-        count: how many there are, > 0.
-        shares: 0 to 1.
+        blocks: returns the finite numbers in blocks of any size; each call returns the same ones.
+        count: total number of values, > 0.
+        shares: quantile levels, 0 to 1.
     """
     positions = [share * (count - 1) for share in shares]
     wanted = sorted({min(int(position) + more, count - 1) for position in positions for more in (0, 1)})
@@ -228,7 +230,7 @@ def quantiles(blocks: Callable[[], Iterable[Floats]], count: int, shares: Sequen
 
 
 def _ranked(blocks: Callable[[], Iterable[Floats]], ranks: Ints) -> Floats:
-    """(R,) order statistics with the ranks (R,), counted from 0, of the values in all blocks.
+    """Return the (R,) order statistics with the ranks (R,), counted from 0, of the values in all blocks.
 
     `blocks` is called several times, and returns all values each time.
     """
@@ -254,13 +256,14 @@ MANY_GROUPS = 1 << 14
 
 
 def group_medians(blocks: Callable[[], Iterable[tuple[Ints, Floats]]], counts: Ints) -> Floats:
-    """(G,) median of each group, as by `np.median`, of numbers that are generated in blocks; NaN without numbers.
+    """Return the (G,) median of each group of numbers that are generated in blocks; NaN for a group without numbers.
 
-    All groups are processed at once, 8 bits in each of eight passes (4 in sixteen for very many groups), as in
-    `quantiles`.
+    All groups are processed at once, 8 bits in each of eight passes (4 in sixteen for very many groups). The result is
+    that of `np.median`.
 
     Args:
-        blocks: gives groups, 0 to G - 1, and finite numbers, (n,) each, the same every time.
+        blocks: returns blocks of group numbers (n,), 0 to G - 1, and finite numbers (n,); each call returns the same
+            ones.
         counts: (G,) how many numbers each group has.
     """
     groups = len(counts)
@@ -293,11 +296,11 @@ SIGN = np.uint64(1 << 63)
 
 
 def _rising(values: Floats) -> np.ndarray:
-    """Map floats (n,) to unsigned integers (n,) of the same order (for radix selection)."""
+    """Return unsigned integers (n,) with the order of the floats (n,), for radix selection."""
     bits = (np.ascontiguousarray(values) + 0.0).view(np.uint64)
     return np.where(bits & SIGN, ~bits, bits | SIGN)
 
 
 def _numbers(keys: np.ndarray) -> Floats:
-    """Map unsigned integers (n,) that `_rising` made back to the floats (n,); its inverse."""
+    """Return the floats (n,) of the unsigned integers (n,) that `_rising` made of them."""
     return np.where(keys & SIGN, keys & ~SIGN, ~keys).view(np.float64)

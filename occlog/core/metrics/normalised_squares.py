@@ -38,7 +38,7 @@ class Ratio(NamedTuple):
 
     @classmethod
     def of_parts(cls, parts: Iterable[BatchMeans]) -> Ratio:
-        """Ratio over all parts, which are independent of each other."""
+        """Return the ratio over all parts, which are independent of each other; NaN with infinite error without any."""
         informative = [p for p in parts if p.expected > 0.0]
         expected = math.fsum(p.expected for p in informative)
         if not informative:
@@ -48,22 +48,27 @@ class Ratio(NamedTuple):
 
     @property
     def degrees(self) -> float:
-        """Effective degrees of freedom: those of a chi-square distribution with the same relative spread."""
+        """Return the effective degrees of freedom: those of a chi-square distribution with this relative spread.
+
+        0 if the error is unknown or the ratio is 0.
+        """
         if not (math.isfinite(self.error) and self.error > 0.0 and self.value > 0.0):
             return 0.0
         return 2.0 * (self.value / self.error) ** 2
 
     def interval(self, chance: float) -> tuple[float, float]:
-        """Confidence limits of the true ratio, which is outside with probability `chance`; see `ratio_interval`."""
+        """Return the confidence limits (low, high) of the true ratio, which is outside with probability `chance`."""
         return ratio_interval(self.value, self.degrees, chance)
 
 
 def ratio_interval(value: float, degrees: float, chance: float) -> tuple[float, float]:
-    """Confidence limits of the true ratio: `value` times `degrees` over chi-square quantiles.
+    """Return the confidence limits (low, high) of a ratio: `value` times `degrees` over chi-square quantiles.
+
+    (0, inf) for fewer degrees than `MIN_DEGREES`.
 
     Args:
-        value: ratio of sums, >= 0.
-        degrees: effective number of squares; below one hardly anything is known.
+        value: observed ratio of a sum of squares to its expected value, >= 0.
+        degrees: effective degrees of freedom of the sum.
         chance: probability that the truth is beyond one of the limits, half of it at each.
     """
     if not degrees >= MIN_DEGREES:
@@ -73,7 +78,7 @@ def ratio_interval(value: float, degrees: float, chance: float) -> tuple[float, 
 
 
 class BatchMeans:
-    """Sums of squares and of expected values, with a standard error of their ratio by batch means.
+    """Sums of squares and of their expected values, with a standard error of the ratio by the method of batch means.
 
     A batch holds neighbours in time. When there are many batches they are merged in pairs, so that batches become
     longer than the correlation time, in bounded memory.
@@ -88,7 +93,7 @@ class BatchMeans:
         self._open, self._in_open = np.zeros(2), 0
 
     def add(self, squares: Floats, expected: Floats) -> None:
-        """Add N squares and expected values (N,), in the order of time."""
+        """Add N squares (N,) and their expected values (N,), in the order of time."""
         self.count += len(squares)
         self.squares += float(squares.sum())
         self.expected += float(expected.sum())
@@ -114,7 +119,10 @@ class BatchMeans:
 
     @property
     def ratio(self) -> Ratio:
-        """Ratio of the sums; its standard error is at least that of independent squares."""
+        """Return the ratio of the sums; its standard error is at least that of independent squares.
+
+        NaN with infinite error if nothing is expected.
+        """
         if not self.expected > 0.0:
             return Ratio(math.nan, math.inf)
         value = self.squares / self.expected

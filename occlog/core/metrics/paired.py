@@ -53,12 +53,14 @@ ROUNDING = 1e-9
 
 
 def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator) -> Floats:
-    """(D,) sorted weighted means of all nonempty subsets of parts, or of random subsets if there are many parts.
+    """Return the (D,) sorted weighted means of all nonempty subsets of parts, or of random subsets of many parts.
+
+    The mean of a subset is the sum of its differences over the sum of its weights.
 
     Args:
-        differences: (N,) what each part adds to a difference; N >= 1.
+        differences: (N,) contribution of each part to a difference; N >= 1.
         weights: (N,) shares of the parts, > 0, with the sum 1.
-        rng: draws subsets where there are more than `ALL` parts.
+        rng: source of random numbers, used if there are more than `ALL` parts.
     """
     count = len(differences)
     if count <= ALL:
@@ -78,27 +80,29 @@ def subset_means(differences: Floats, weights: Floats, rng: np.random.Generator)
 
 
 def chance_above(means: Floats, margin: float) -> float:
-    """One-sided p-value of a mean difference above a margin, if the differences are symmetric about the margin.
+    """Return the one-sided p-value of a mean difference above a margin: small if it is significantly above.
 
-    `means` (n,) are the sorted means of resampled differences.
+    The differences of the parts are symmetric about the margin under the hypothesis. `means` (D,) are the means of
+    `subset_means`.
     """
     least = margin + ROUNDING * max(abs(margin), float(np.abs(means[[0, -1]]).max()))
     return float((np.searchsorted(means, least, side="right") + 1) / (len(means) + 1))
 
 
 def chance_below(means: Floats, margin: float) -> float:
-    """One-sided p-value of a mean difference below a margin, if the differences are symmetric about the margin.
+    """Return the one-sided p-value of a mean difference below a margin: small if it is significantly below.
 
-    `means` (n,) are the sorted means of resampled differences.
+    The differences of the parts are symmetric about the margin under the hypothesis. `means` (D,) are the means of
+    `subset_means`.
     """
     return chance_above(-means[::-1], -margin)
 
 
 def interval(means: Floats, level: float) -> tuple[float, float]:
-    """Confidence interval (low, high): the margins that the test rejects on neither side, at half of 1 - `level` each.
+    """Return the confidence interval (low, high) of a mean difference: the margins that the test does not reject.
 
-    Unbounded where there are so few parts that no margin is rejected. `means` (n,) are the sorted means of resampled
-    differences.
+    Each side has half of 1 - `level`. Unbounded where there are so few parts that no margin is rejected. `means` (D,)
+    are the means of `subset_means`.
     """
     # Rejected are margins with fewer than k means at or below them
     k = int(np.floor(0.5 * (1.0 - level) * (len(means) + 1) + ROUNDING))
@@ -119,17 +123,17 @@ NOT_KNOWN = (float("nan"),) * 4
 
 
 class PairedDifference(NamedTuple):
-    """Difference of run B from run A in one figure, with its test.
+    """Difference of run B from run A in one figure, with confidence interval and exact test.
 
     Attributes:
         a, b: the figure of each run.
         difference: b - a.
         low, high: confidence interval of the difference; NaN: too few parts.
-        se: standard error of the difference; NaN likewise.
-        p: probability of a difference at least as large, either way, of runs that do not differ; NaN likewise.
+        se: standard error of the difference; NaN: too few parts.
+        p: two-sided p-value of the hypothesis that the runs do not differ; NaN: too few parts.
         segments: how many parts were compared, recordings or segments of time.
         recordings: whether each was a whole recording.
-        drawn: (D,) sorted means of subsets of the parts, see `subset_means`; (0,): no test.
+        drawn: (D,) sorted means of subsets of the parts, from which p is computed; (0,): no test.
     """
 
     a: float
@@ -145,17 +149,23 @@ class PairedDifference(NamedTuple):
 
     @property
     def least(self) -> float:
-        """Smallest possible one-sided p-value for the number of parts; 0 if no part can differ."""
+        """Return the smallest possible one-sided p-value for the number of parts; 0 if there was no test."""
         return 1.0 / (len(self.drawn) + 1) if len(self.drawn) else 0.0
 
     def below(self, margin: float) -> float:
-        """One-sided p-value: chance of a difference this far below `margin` if that is the true one; NaN: unknown."""
+        """Return the one-sided p-value of a difference below `margin`: small if significantly below; NaN: unknown.
+
+        If no frame differs it is 0 or 1.
+        """
         if len(self.drawn):
             return chance_below(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference >= margin)
 
     def above(self, margin: float) -> float:
-        """One-sided p-value: chance of a difference this far above `margin` if that is the true one; NaN: unknown."""
+        """Return the one-sided p-value of a difference above `margin`: small if significantly above; NaN: unknown.
+
+        If no frame differs it is 0 or 1.
+        """
         if len(self.drawn):
             return chance_above(self.drawn, margin)
         return float("nan") if np.isnan(self.p) else float(self.difference <= margin)
@@ -170,15 +180,16 @@ def compare(
     *,
     lasting: bool = False,
 ) -> PairedDifference:
-    """Compare a figure of two runs.
+    """Return the difference of a figure between two runs on the same frames, with confidence interval and p-value.
 
     Args:
-        a: for each recording (T, k) what each frame adds to the sums, of run A.
-        b: the same of run B, of the same frames.
-        metric: the figure of sums.
-        rng: draws subsets where there are too many to take all.
-        level: of the confidence interval.
-        lasting: what happens in a frame counts to the end of the recording, as exchanges of identities do.
+        a: for each recording (T, k) the contributions of its frames to the k sums, of run A.
+        b: those of run B, for the same frames.
+        metric: function of sums (..., k) that returns the figure (...).
+        rng: source of random numbers for subsets of many parts.
+        level: confidence level of the interval.
+        lasting: effects of a frame last to the end of the recording, as exchanges of identities do; segments of one
+            recording are then not tested.
 
     Raises:
         ValueError: the runs are not of the same frames.
@@ -217,7 +228,7 @@ def compare(
 
 
 def _gradient(metric: Metric, at: Floats) -> Floats:
-    """Gradient of a metric with respect to its sums, at `at` (k,), by central differences."""
+    """Return the gradient (k,) of a metric with respect to its k sums at `at` (k,), by central differences."""
     h = STEP * np.maximum(np.abs(at), 1.0)
     moves = np.diag(h)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -225,11 +236,12 @@ def _gradient(metric: Metric, at: Floats) -> Floats:
 
 
 def _whole(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
+    """Return (recording, 0, number of frames) of each recording with frames; `added` has an array for each."""
     return [(r, 0, len(u)) for r, u in enumerate(added) if len(u)]
 
 
 def _segments(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
-    """Cut recordings into segments that are long relative to the correlation time.
+    """Return segments of recordings that are long relative to the correlation time.
 
     Args:
         added: what each frame adds, an array for each recording.
@@ -249,9 +261,9 @@ def _segments(added: Sequence[Floats]) -> list[tuple[int, int, int]]:
 
 
 def autocorrelation_time(series: Sequence[Floats], window: float = 5.0) -> float:
-    """Integrated autocorrelation time [frames] of series of one process: 1 if frames are independent.
+    """Return the integrated autocorrelation time [frames] of several series of one process; 1 if independent.
 
-    The sum of autocorrelations is truncated at a lag of `window` times its value (Sokal 1997).
+    The sum of autocorrelations is truncated at a lag of `window` times its value (Sokal 1997). 1 is the least value.
     """
     mean = float(np.concatenate(series).mean()) if sum(map(len, series)) else 0.0
     most = max((len(u) for u in series), default=0)

@@ -9,11 +9,13 @@ from occlog.array_types import Floats, Ints
 
 
 def rank_one(like: Floats, owner: Ints) -> float:
-    """Rank-1 rate: share of candidates most similar to their own person; k ties count 1 / k; NaN without candidates.
+    """Return the rank-1 rate: share of candidates that are most similar to their own person; k ties count 1 / k.
+
+    NaN without candidates.
 
     Args:
-        like: (n, P) similarities of candidates to people; NaN: not compared, which is never the most similar.
-        owner: (n,) index, among the P people, of the person whom each candidate shows.
+        like: (n, P) similarities of candidates to people; NaN: not compared, which is never the greatest.
+        owner: (n,) index, among the P people, of the person that each candidate shows.
     """
     if not len(like):
         return float("nan")
@@ -24,7 +26,7 @@ def rank_one(like: Floats, owner: Ints) -> float:
 
 
 def area_under_curve(like: Floats, owner: Ints) -> float:
-    """Area under the ROC curve: probability that a similarity to the own person exceeds one to another person.
+    """Return the area under the ROC curve: probability that a similarity to the own person exceeds one to another.
 
     Mann-Whitney statistic over all values that are not NaN; ties count half. NaN without values of one kind.
 

@@ -31,26 +31,30 @@ class Field(NamedTuple):
 
 
 def distance(p: Floats, q: Floats) -> Floats:
-    """(...) distances rho between positions p and q (..., 2)."""
+    """Return distances (...) between positions p and q (..., 2), which broadcast."""
     return np.asarray(np.hypot(p[..., 0] - q[..., 0], p[..., 1] - q[..., 1]))
 
 
 def direction(p: Floats, q: Floats) -> Floats:
-    """(..., 2) unit vectors from q to p, the gradient of their distance ([Lee] Eqs. 5.13, 5.14); 0 if p = q."""
+    """Return unit vectors (..., 2) from q to p, the gradient of their distance ([Lee] Eqs. 5.13, 5.14); 0 if p = q."""
     away = p - q
     length = np.hypot(away[..., 0], away[..., 1])[..., None]
     return np.asarray(np.where(length > 0.0, away / np.where(length > 0.0, length, 1.0), 0.0))
 
 
 def attractive_potential(p: Floats, goal: Floats, field: Field) -> Floats:
-    """(...) potential of the goal at positions p ([Lee] Eq. 5.9)."""
+    """Return the potential (...) of the goals (..., 2) at positions p (..., 2): c_att rho^m ([Lee] Eq. 5.9).
+
+    rho is the distance; `field` has the constants c_att and m.
+    """
     return np.asarray(field.attraction * distance(p, goal) ** field.attraction_power)
 
 
 def repulsive_potential(p: Floats, obstacle: Floats, field: Field) -> Floats:
-    """(...) potential of obstacles at positions `p` ([Lee] Eq. 5.10); 0 beyond the influence.
+    """Return the potential (...) of obstacles at positions `p` (..., 2): c_rep (1 / rho - 1 / rho_0)^n ([Lee] 5.10).
 
-    `obstacle` (..., 2) is the point of each obstacle from which distances are measured.
+    It is 0 for distances rho above rho_0. `obstacle` (..., 2) is the point of each obstacle from which distances are
+    measured; `field` has the constants.
     """
     rho = np.maximum(distance(p, obstacle), LEAST)
     excess = np.maximum(1.0 / rho - 1.0 / field.influence, 0.0)
@@ -58,29 +62,30 @@ def repulsive_potential(p: Floats, obstacle: Floats, field: Field) -> Floats:
 
 
 def attractive_force(p: Floats, goal: Floats, field: Field) -> Floats:
-    """(..., 2) force of the goals (..., 2) on robots at `p` (..., 2) ([Lee] Eq. 5.11).
+    """Return the force (..., 2) of the goals (..., 2) on robots at `p` (..., 2) ([Lee] Eq. 5.11).
 
-    It points to the goal, and is 0 on it.
+    It is minus the gradient of the potential with the constants `field`: it points to the goal, and is 0 on it.
     """
     return -attraction_at(distance(p, goal), field)[..., None] * direction(p, goal)
 
 
 def repulsive_force(p: Floats, obstacle: Floats, field: Field) -> Floats:
-    """(..., 2) force of each obstacle on robots at `p` (..., 2) ([Lee] Eq. 5.12); it points away from the obstacle.
+    """Return the force (..., 2) of each obstacle on robots at `p` (..., 2), away from the obstacle ([Lee] Eq. 5.12).
 
-    `obstacle` (..., 2) is the point of each obstacle from which distances are measured.
+    `obstacle` (..., 2) is the point of each obstacle from which distances are measured. The force is 0 beyond the
+    influence.
     """
     return repulsion_at(distance(p, obstacle), field)[..., None] * direction(p, obstacle)
 
 
 def attraction_at(rho: Floats, field: Field) -> Floats:
-    """(...) magnitude of the attractive force at distances rho from the goal."""
+    """Return the magnitude (...) of the attractive force at distances rho from the goal: m c_att rho^(m - 1)."""
     m = field.attraction_power
     return np.asarray(m * field.attraction * rho ** (m - 1))
 
 
 def repulsion_at(rho: Floats, field: Field) -> Floats:
-    """(...) magnitude of the repulsive force at distances rho from an obstacle; 0 beyond the influence."""
+    """Return the magnitude (...) of the repulsive force at distances rho from an obstacle; 0 beyond the influence."""
     n, inverse = field.repulsion_power, 1.0 / np.maximum(rho, LEAST)
     excess = np.maximum(inverse - 1.0 / field.influence, 0.0)
     return np.asarray(np.where(rho <= field.influence, n * field.repulsion * excess ** (n - 1) * inverse**2, 0.0))
@@ -93,7 +98,7 @@ HALVINGS = 80
 
 
 def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bools:
-    """(...) mask of obstacles aligned between a robot and its goal ([Lee] Eq. 5.18).
+    """Return a mask (...) of obstacles aligned between a robot and its goal ([Lee] Eq. 5.18).
 
     The equation also holds for a goal between robot and obstacle, which is excluded: the goal must be the farther one.
 
@@ -108,20 +113,22 @@ def aligned(p: Floats, obstacle: Floats, goal: Floats, tolerance: float) -> Bool
 
 
 def within_reach(rho: Floats, reach: Floats) -> Bools:
-    """(...) mask of obstacles at distances rho within `reach`, a step plus the radii ([Lee] Eqs. 5.17 and 5.25)."""
+    """Return a mask (...) of obstacles at distances rho of at most `reach`, up to rounding ([Lee] Eqs. 5.17 and 5.25).
+
+    `reach` (...) is the length of a step plus the radii of robot and obstacle.
+    """
     return np.asarray(rho <= reach * (1.0 + ROUNDING))
 
 
 def zero_force_distance(behind: Floats, field: Field) -> Floats:
-    """(...) delta, the distance from an obstacle at which the two forces on an aligned robot cancel ([Lee] Eq. 5.23).
+    """Return delta (...), the distance from an obstacle at which forces on an aligned robot cancel ([Lee] Eq. 5.23).
+
+    It is unique, since repulsion decreases with the distance from the obstacle and attraction does not; found by
+    bisection, at most the influence distance.
 
     Args:
         behind: (...) distance of the goal behind the obstacle, at least 0.
         field: constants of the potentials.
-
-    Returns:
-        The distance, at most the influence: beyond it nothing pushes.  Between, the push falls and the pull does not,
-        so that there is one such distance.
     """
     low = np.zeros(np.shape(behind))
     high = np.full(np.shape(behind), field.influence)
@@ -133,15 +140,18 @@ def zero_force_distance(behind: Floats, field: Field) -> Floats:
 
 
 def prevented(p: Floats, obstacle: Floats, goal: Floats, reach: Floats, field: Field, tolerance: float) -> Bools:
-    """(...) mask where the force is replaced by the unit vector away from the obstacle ([Lee] Eqs. 5.24 and 5.25).
+    """Return a mask (...) where the unit vector away from the obstacle replaces the force ([Lee] Eqs. 5.24 and 5.25).
+
+    There, robot, obstacle and goal are in line, the obstacle is within reach, and the forces cancel only within the
+    reach.
 
     Args:
         p: (..., 2) positions of robots.
         obstacle: (..., 2) points of obstacles from which distances are measured.
         goal: (..., 2) goals.
-        reach: (...) s_r T_s + r_r + r_o.
+        reach: (...) length of a step plus the radii of robot and obstacle, s_r T_s + r_r + r_o.
         field: constants of the potentials.
-        tolerance: of `aligned`.
+        tolerance: largest difference of the unit vectors to obstacle and goal at which they are in line.
     """
     near = within_reach(distance(p, obstacle), reach) & aligned(p, obstacle, goal, tolerance)
     if not near.any():

@@ -19,15 +19,15 @@ MIN_SHARE = 1e-6
 
 
 def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
-    """(N, K, 2) points on the borders of K discs nearest to N positions (centres for a radius of 0).
+    """Return the (N, K, 2) points on the borders of K discs nearest to N positions (centres for a radius of 0).
 
-    For a position inside a disc it is a point just behind the position, as seen from outside, so that the
-    direction from the point to the position leads out.
+    For a position inside a disc it is a point just behind the position, as seen from outside, so that the direction
+    from the point to the position leads out.
 
     Args:
         xy: (N, 2) positions.
-        centre: (K, 2), or (N, K, 2) where each position has discs of its own.
-        radius: (K,).
+        centre: (K, 2) centres, or (N, K, 2) if each position has its own discs.
+        radius: (K,) radii.
     """
     at = np.broadcast_to(centre, (len(xy), *centre.shape[-2:]))
     border = np.minimum(radius, distance(xy[:, None], at) * (1.0 - MIN_SHARE))
@@ -35,7 +35,7 @@ def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
 
 
 def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
-    """(N, E, 2) points of segments (E, 2, 2) nearest to positions (N, 2)."""
+    """Return the (N, E, 2) points of segments (E, 2, 2), given by their ends, nearest to positions (N, 2)."""
     along = segments[:, 1] - segments[:, 0]
     length2 = np.sum(along**2, axis=1)
     share = np.sum((xy[:, None] - segments[:, 0]) * along, axis=2) / np.where(length2 > 0.0, length2, 1.0)
@@ -43,7 +43,7 @@ def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
 
 
 def nearest_on_polygons(xy: Floats, corners: Floats, starts: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
-    """(N, P, 2) border points of P polygons that are nearest to N positions.
+    """Return the (N, P, 2) border points of P polygons that are nearest to N positions.
 
     Args:
         xy: (N, 2) positions.
@@ -59,12 +59,12 @@ def nearest_on_polygons(xy: Floats, corners: Floats, starts: np.ndarray[tuple[in
 
 
 def edges(polygon: Floats) -> Floats:
-    """(K, 2, 2) edges of a (K, 2) polygon."""
+    """Return the edges (K, 2, 2) of a polygon (K, 2), by their ends; the last one leads back to the first corner."""
     return np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
 
 
 def least_to_points(start: Floats, end: Floats, first: Floats, last: Floats) -> Floats:
-    """(N, K) least distances between N robots and K points that move uniformly during a step.
+    """Return the (N, K) least distances between N robots and K points that move uniformly during a step.
 
     Args:
         start: (N, 2) positions of the robots before the step.
@@ -81,7 +81,7 @@ def least_to_points(start: Floats, end: Floats, first: Floats, last: Floats) -> 
 
 
 def least_to_segments(start: Floats, end: Floats, segments: Floats) -> Floats:
-    """(N, E) least distances between the robots' straight steps and E segments; 0 if they cross.
+    """Return the (N, E) least distances between the robots' straight steps and E segments; 0 if they cross.
 
     Args:
         start: (N, 2) positions before the step.
@@ -99,7 +99,7 @@ def least_to_segments(start: Floats, end: Floats, segments: Floats) -> Floats:
 
 
 def _side(a: Floats, b: Floats, c: Floats) -> Floats:
-    """(...) twice the signed area of triangles a, b, c: the sign is the side of the line a-b that c is on."""
+    """Return twice the signed area (...) of triangles a, b, c, each (..., 2): > 0 if c is left of the line a-b."""
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
@@ -116,7 +116,10 @@ class StepClock(NamedTuple):
 
 
 class MovingObstacles(NamedTuple):
-    """M moving obstacles at the start and the end of a step; NaN if absent."""
+    """M moving obstacles with centre and radius at the start and the end of a step; NaN if absent.
+
+    Also their displacement in the step before.
+    """
 
     xy: Floats  # (M, 2)
     radius: Floats  # (M,)
@@ -125,22 +128,22 @@ class MovingObstacles(NamedTuple):
     move: Floats  # (M, 2) how each moved in the step before; 0 where that is not known
 
     def expected(self) -> MovingObstacles:
-        """The step as predicted at its start: obstacles continue with the velocity of the previous step."""
+        """Return the step as predicted at its start: obstacles move as in the step before, with constant radius."""
         return self._replace(after=self.xy + self.move, radius_after=self.radius)
 
 
 class MovingObstacleTracks:
-    """Moving obstacles with positions sampled at their own times, linearly interpolated."""
+    """Moving obstacles with positions at their own times, interpolated linearly at the times of robots' steps."""
 
     def __init__(self, t_ns: Ints, ids: Ints32, positions: Floats, clock: StepClock, limit_ns: int) -> None:
-        """Collect the rows of each obstacle.
+        """Group the rows by obstacle.
 
         Args:
-            t_ns: (R,) times, rising.
+            t_ns: (R,) times [ns], not decreasing.
             ids: (R,) numbers of the obstacles.
             positions: (R, 3) x, y and radius.
             clock: times of the steps.
-            limit_ns: longest gap between two rows of an obstacle that is bridged.
+            limit_ns: longest gap between two rows of an obstacle that is bridged [ns].
         """
         self.clock, self._limit_ns, self._first = clock, limit_ns, -BLOCK
         self.ids = np.unique(ids)
@@ -149,7 +152,10 @@ class MovingObstacleTracks:
         self._block = np.empty((0, len(own), 3))
 
     def at(self, step: int) -> MovingObstacles:
-        """Obstacles at a step; fastest for increasing steps."""
+        """Return the obstacles at the start and the end of a step, in the order of `ids`.
+
+        It is fastest for increasing steps: positions are interpolated for `BLOCK` steps at a time.
+        """
         if not self._first <= step < self._first + BLOCK:
             self._first = step
             self._block = self._positions_at(np.arange(step - 1, step + BLOCK + 1))
@@ -163,7 +169,7 @@ class MovingObstacleTracks:
         )
 
     def _positions_at(self, steps: Ints) -> Floats:
-        """(T, M, 3) x, y and radius of all obstacles at steps."""
+        """Return (T, M, 3) x, y and radius of all obstacles at the step numbers `steps` (T,); NaN where absent."""
         t_ns = self.clock.start_ns + np.rint(steps * (self.clock.step_s * NS)).astype(np.int64)
         positions = [interpolate_positions(t_ns, known, columns, self._limit_ns)[0] for known, columns in self._known]
         return np.stack(positions, axis=1) if positions else np.empty((len(steps), 0, 3))

@@ -28,7 +28,7 @@ class Range(NamedTuple):
 
 
 def opposite(previous: Floats, force: Floats, tolerance: float) -> Bools:
-    """(...) mask of successive total forces (..., 2) with opposite directions ([Lee] Eq. 5.26).
+    """Return a mask (...) of successive total forces (..., 2) with opposite directions ([Lee] Eq. 5.26).
 
     Args:
         previous: force one step before; NaN: there was none, which is never opposite.
@@ -42,9 +42,9 @@ def opposite(previous: Floats, force: Floats, tolerance: float) -> Bools:
 
 
 def distance_inside(way: float, radii: float) -> Range:
-    """Range of the distance d_osc from robot to obstacle at an escape inside the region of prevention.
+    """Return the range of the distance from robot to obstacle at an escape inside the region of prevention.
 
-    [Lee] Eq. 5.27; the low end is open.
+    It is d_osc of [Lee] Eq. 5.27; the low end is open.
 
     Args:
         way: s_r T_s, length of a step.
@@ -54,9 +54,9 @@ def distance_inside(way: float, radii: float) -> Range:
 
 
 def distance_outside(way: float, radii: float) -> Range:
-    """Range of the distance d_osc from robot to obstacle at an escape outside the region of prevention.
+    """Return the range of the distance from robot to obstacle at an escape outside the region of prevention.
 
-    [Lee] Eq. 5.28; the low end is open.
+    It is d_osc of [Lee] Eq. 5.28; the low end is open.
 
     Args:
         way: s_r T_s, length of a step.
@@ -66,7 +66,7 @@ def distance_outside(way: float, radii: float) -> Range:
 
 
 def angle_at(d: float, radii: float) -> float:
-    """Angle theta_osc [rad] at which a robot at distance `d` just passes an obstacle ([Lee] Eqs. 5.29 and 5.30).
+    """Return the angle theta_osc [rad] at which a robot at distance `d` just passes an obstacle ([Lee] 5.29 and 5.30).
 
     `radii` is r_r + r_o, of robot and obstacle; the angle is pi / 2 if `d` is not above it.
     """
@@ -74,7 +74,7 @@ def angle_at(d: float, radii: float) -> float:
 
 
 def angle_inside(way: float, radii: float) -> Range:
-    """Range of the escape angle [rad] inside the region of prevention ([Lee] Eq. 5.31); the high end is open.
+    """Return the range of the escape angle [rad] inside the region of prevention ([Lee] Eq. 5.31); open at the top.
 
     `way` is the length of a step, s_r T_s, `radii` is r_r + r_o, of robot and obstacle.
     """
@@ -82,7 +82,7 @@ def angle_inside(way: float, radii: float) -> Range:
 
 
 def angle_outside(way: float, radii: float) -> Range:
-    """Range of the escape angle [rad] outside the region of prevention ([Lee] Eq. 5.32); the high end is open.
+    """Return the range of the escape angle [rad] outside the region of prevention ([Lee] Eq. 5.32); open at the top.
 
     `way` is the length of a step, s_r T_s, `radii` is r_r + r_o, of robot and obstacle.
     """
@@ -90,7 +90,7 @@ def angle_outside(way: float, radii: float) -> Range:
 
 
 def turned(force: Floats, angle: Floats) -> Floats:
-    """(..., 2) vectors `force` (..., 2) turned to the left by `angle` (...) [rad] ([Lee] Eqs. 5.33 and 5.34)."""
+    """Return vectors `force` (..., 2) turned to the left by `angle` (...) [rad] ([Lee] Eqs. 5.33 and 5.34)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = force[..., 0], force[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
@@ -111,7 +111,7 @@ STATES = ("free", "oscillating", "prevent", "escaping", "guarded")
 
 
 class NearbyObstacles(NamedTuple):
-    """K obstacles relative to N robots at one time step."""
+    """K obstacles as N robots meet them at one time step: nearest points, radii and lengths of their own steps."""
 
     nearest: Floats  # (N, K, 2) p_o, from which distances are measured: the centre, or the nearest point of a border
     radius: Floats  # (K,) what the obstacle has beyond that point
@@ -120,7 +120,7 @@ class NearbyObstacles(NamedTuple):
 
 
 class StepRules(NamedTuple):
-    """Length of a step, radius and rules of all robots."""
+    """Length of a step and radius of the robots, and the rules of [Lee] Sec. 5.2.2 that they follow."""
 
     way: float  # s_r T_s
     radius: float  # r_r
@@ -133,7 +133,7 @@ class StepRules(NamedTuple):
 
 
 def field_of(settings: FieldSettings) -> Field:
-    """Constants of the potential field from the settings."""
+    """Return the constants of the potential field from the settings."""
     return Field(
         attraction=settings.attraction,
         repulsion=settings.repulsion,
@@ -144,7 +144,7 @@ def field_of(settings: FieldSettings) -> Field:
 
 
 def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
-    """Step rules from the settings, for robots with a length of steps `way` and a `radius`."""
+    """Return the step rules from the settings, for robots with steps of length `way` and a `radius`."""
     return StepRules(
         way=way,
         radius=radius,
@@ -158,7 +158,7 @@ def steps_of(settings: FieldSettings, way: float, radius: float) -> StepRules:
 
 
 class Steering(NamedTuple):
-    """Forces on N robots, and the rules applied."""
+    """Forces on N robots, the rule that determined the direction of each, and whether oscillation was recognised."""
 
     attractive: Floats  # (N, 2)
     repulsive: Floats  # (N, 2) sum over the obstacles
@@ -170,15 +170,18 @@ class Steering(NamedTuple):
 def steer(
     xy: Floats, goal: Floats, around: NearbyObstacles, field: Field, steps: StepRules, previous: Floats
 ) -> Steering:
-    """Compute the forces on robots, and the total force that determines the direction of the next step.
+    """Return the forces on robots, and the total force that determines the direction of the next step.
+
+    By [Lee] Sec. 5.2.2: the force away from an obstacle replaces the sum in front of an aligned obstacle, and the total
+    force is turned if it oscillates, both as `steps` allows.
 
     Args:
         xy: (N, 2) positions of the robots.
         goal: (N, 2) their goals.
-        around: obstacles.
+        around: K obstacles.
         field: constants of the potentials.
-        steps: length of steps, radius, rules.
-        previous: (N, 2) total forces one step before; NaN: none yet.
+        steps: length of steps, radius of the robots, rules.
+        previous: (N, 2) total forces one step before; NaN at the first step.
     """
     # Forces of goal and obstacles ([Lee] Eqs. 5.11 to 5.15)
     attractive = attractive_force(xy, goal, field)
@@ -207,7 +210,7 @@ def steer(
 
 
 def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond: Floats, reach: Floats) -> Floats:
-    """(N,) escape angle [rad], not negative; 0 where a robot does not escape.
+    """Return the (N,) escape angles [rad], not negative; 0 where a robot does not escape.
 
     With the rule `inside` a robot escapes in the region of prevention, with `outside` at most a step outside it.
 
@@ -231,7 +234,7 @@ def _escape_angle(xy: Floats, around: NearbyObstacles, steps: StepRules, beyond:
 
 
 def _sided(xy: Floats, goal: Floats, around: NearbyObstacles, steps: StepRules, total: Floats, angle: Floats) -> Floats:
-    """(N,) escape angles [rad] with the sign of the side to which robots turn, left is positive.
+    """Return the (N,) escape angles [rad] with the sign of the side to which robots turn; left is positive.
 
     `free`: the side with the next position farther from obstacles; on ties the one nearer to the goal, then the left.
 

@@ -11,7 +11,7 @@ from occlog.array_types import Floats, Ints
 
 
 def assign(cost: Floats, gate: float) -> tuple[Ints, Ints]:
-    """Assign rows to columns one to one: the maximum number of pairs within the gate, then the least total cost.
+    """Return a one-to-one assignment: the maximum number of pairs within the gate, then the least total cost.
 
     Args:
         cost: (n, m), >= 0; may be infinite.
@@ -31,17 +31,17 @@ def assign(cost: Floats, gate: float) -> tuple[Ints, Ints]:
 
 
 def maximum_weight_matching(rows: Ints, columns: Ints, weights: Floats) -> Ints:
-    """Pair rows with columns one to one with the greatest total weight.
+    """Return the one-to-one pairs of rows and columns with the greatest total weight, among given candidates.
 
     Time and memory grow with the number of candidate pairs rather than with rows times columns.
 
     Args:
-        rows: (n,) row of each pair that may be, >= 0.
+        rows: (n,) row of each candidate pair, >= 0.
         columns: (n,) its column, >= 0; no pair comes twice.
-        weights: (n,) finite; pairs of 0 or less are not made.
+        weights: (n,) finite weights; pairs of 0 or less are not made.
 
     Returns:
-        (k,) which of the pairs are made, by row.
+        (k,) indices of the selected candidates, sorted by row.
     """
     able = np.flatnonzero(np.asarray(weights) > 0)
     if not len(able):

@@ -17,19 +17,19 @@ from occlog.array_types import Bools, Floats, Ints
 
 
 def interpolate_positions(t_ns: Ints, known_t_ns: Ints, known: Floats, limit_ns: int) -> tuple[Floats, Bools]:
-    """Interpolate positions linearly, with a validity mask.
+    """Return linearly interpolated positions, with a mask of the valid ones.
 
     A time that is a sample is always valid. Between two samples the position is valid if they are at most `limit_ns`
     apart. There is no extrapolation.
 
     Args:
-        t_ns: (N,) times asked for.
-        known_t_ns: (M,) times of the samples, not falling; of equal times the last counts.
+        t_ns: (N,) times [ns] of the positions.
+        known_t_ns: (M,) times of the samples [ns], not decreasing; of equal times the last counts.
         known: (M, k) samples.
         limit_ns: widest gap between two samples that is bridged, >= 0 [ns].
 
     Returns:
-        (N, k) positions, NaN where not good, and (N,) whether they are good.
+        (N, k) positions, NaN where not valid, and (N,) whether they are valid.
     """
     out = np.full((len(t_ns), known.shape[1]), np.nan)
     if not len(known_t_ns) or not len(t_ns):
@@ -43,9 +43,9 @@ def interpolate_positions(t_ns: Ints, known_t_ns: Ints, known: Floats, limit_ns:
 
 
 def hold_positions(t_ns: Ints, known_t_ns: Ints, known: Floats) -> Floats:
-    """(N, k) positions interpolated over gaps of any width, held before the first and after the last sample.
+    """Return positions (N, k) interpolated over gaps of any width, constant before the first and after the last sample.
 
-    For quantities that only need a rough position.
+    For quantities that need only a rough position.
 
     Args:
         t_ns: (N,) times [ns].
@@ -59,9 +59,10 @@ def hold_positions(t_ns: Ints, known_t_ns: Ints, known: Floats) -> Floats:
 
 
 def _bracket(t_ns: Ints, known_t_ns: Ints) -> tuple[Ints, Ints, Floats, Ints]:
-    """Indices of the samples before and after, fraction of the way between them, and their distance [ns]; each (N,).
+    """Return the samples before and after each time, the fraction of the way between them, and their distance [ns].
 
-    The fraction is below 0 before the first sample, and counts ns after the last one.
+    Each is (N,); samples are given by their indices. The fraction is below 0 before the first sample; after the last
+    one, both indices are the last and the fraction is the time since then in ns.
 
     Args:
         t_ns: (N,) times [ns].
@@ -80,7 +81,7 @@ NO_LIMIT = np.iinfo(np.int64).max
 
 
 class TimeGrid(NamedTuple):
-    """Positions of n objects at C times."""
+    """Positions of n objects (targets and occluders) at C times, with further columns that change with time."""
 
     t_ns: Ints  # (C,) rising
     ids: Ints  # (n,) rising
@@ -89,7 +90,7 @@ class TimeGrid(NamedTuple):
 
 
 class SensorFrames(NamedTuple):
-    """T frames of one sensor within a chunk."""
+    """T frames of one sensor within a chunk of time: times, number of the first, and the objects' positions."""
 
     t_ns: Ints  # (T,)
     first: int  # number of the first of these frames in the sensor's stream
@@ -97,7 +98,7 @@ class SensorFrames(NamedTuple):
 
 
 def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> TimeGrid:
-    """Arrange R rows as a grid of distinct times and objects, both sorted; NaN where an object has no row.
+    """Return R rows as a grid of distinct times and objects, both sorted; NaN where an object has no row.
 
     Of two rows for the same time and object the last is used.
 
@@ -117,9 +118,9 @@ def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) ->
 
 
 def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> tuple[Ints, int]:
-    """Frame times [ns] of a sensor in (`after_ns`, `last_ns`], and the number of the first of them (0 without any).
+    """Return the frame times [ns] of a sensor in (`after_ns`, `last_ns`], and the number of the first of them.
 
-    Frame k, from 0, is at `start_ns` + round(k 1e9 / rate_hz).
+    The number is 0 if there are none. Frame k, from 0, is at `start_ns` + round(k 1e9 / rate_hz).
     """
     period = 1e9 / rate_hz
     first = max(0, int((after_ns - start_ns) / period) - 1)
@@ -132,15 +133,14 @@ def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> t
 def frames_at(
     chunks: Iterable[TimeGrid], rates_hz: Sequence[float | None]
 ) -> Iterator[tuple[TimeGrid, list[SensorFrames]]]:
-    """Generate each chunk with the frames of every sensor.
+    """Generate each chunk of positions with the frames of every sensor.
 
-    A sensor without a rate has a frame at every time of the chunk.
-
-    Positions between two times are interpolated linearly, also across the border of two chunks.
+    Positions between two times are interpolated linearly, also across the border of two chunks. Chunks without times
+    are left out. The first frame of a sensor is at the first time of the first chunk.
 
     Args:
-        chunks: grids one after another in time.
-        rates_hz: frames per second of each sensor, or None.
+        chunks: grids in the order of time.
+        rates_hz: frames per second of each sensor; None: a frame at every time of the chunk.
     """
     last: TimeGrid | None = None
     start_ns, done = 0, 0
@@ -164,7 +164,7 @@ def frames_at(
 
 
 def _joined(last: TimeGrid, chunk: TimeGrid) -> TimeGrid:
-    """Prepend the last row of the previous chunk, for objects that still exist."""
+    """Return a chunk with the last row of the previous chunk in front; NaN for objects that are only in `chunk`."""
     before = np.full((1, *chunk.xyz.shape[1:]), np.nan)
     common, old, new = np.intersect1d(last.ids, chunk.ids, return_indices=True)
     if len(common):
@@ -175,6 +175,10 @@ def _joined(last: TimeGrid, chunk: TimeGrid) -> TimeGrid:
 
 
 def _places(grid: TimeGrid, times: Ints) -> Floats:
+    """Return positions (T, n, k) of the objects of a grid at `times` (T,) [ns], interpolated over gaps of any width.
+
+    NaN where an object is absent at a neighbouring time of the grid.
+    """
     n, k = grid.xyz.shape[1:]
     flat = grid.xyz.reshape(len(grid.t_ns), n * k)
     positions, _ = interpolate_positions(times, grid.t_ns, flat, int(NO_LIMIT))

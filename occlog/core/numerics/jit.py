@@ -21,7 +21,7 @@ PATIENCE_S = 2.0
 
 
 def kernel(function: F) -> F:
-    """Compile a function with numba: cached on disk, without the GIL, exact floating point.
+    """Return a function compiled with numba: cached on disk, without the GIL, exact floating point.
 
     A call counts references to every array among its arguments, including those in a NamedTuple, and each count takes
     as long as dozens of products: a kernel called in an inner loop should have few array arguments. With
@@ -31,15 +31,16 @@ def kernel(function: F) -> F:
 
 
 def kernel_part(function: F) -> F:
-    """Inline a function into the kernel that calls it; for functions called at one place only.
+    """Return a function compiled with numba that is inlined into the kernel that calls it.
 
-    A kernel called by another one is compiled separately, and again, with all that it calls, into the caller.
+    For functions called at one place only: a kernel called by another one is compiled separately, and again, with all
+    that it calls, into the caller.
     """
     return cast(F, numba.njit(nogil=True, inline="always")(function))
 
 
 def array_kernel(function: F) -> F:
-    """Compile a function as `kernel` does, for loops that the compiler vectorises.
+    """Return a function compiled as by `kernel`, for loops that the compiler vectorises.
 
     A division by zero gives inf or NaN as in NumPy, and products may be fused with sums;
     NaN and inf keep their meaning.
@@ -48,6 +49,14 @@ def array_kernel(function: F) -> F:
 
 
 def _cached(function: F, compiled: Any) -> F:
+    """Give a compiled function the disk cache of this program, in place, and return it.
+
+    Without a writable folder, and with NUMBA_DISABLE_JIT=1, it has no cache.
+
+    Args:
+        function: the Python function.
+        compiled: what numba made of it.
+    """
     if compiled is not function:  # not with NUMBA_DISABLE_JIT=1
         with suppress(NoCacheError):
             compiled._cache = KernelCache(function)
@@ -56,9 +65,10 @@ def _cached(function: F, compiled: Any) -> F:
 
 
 def _of_any_value(template: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile calls by other kernels with a constant argument as with a variable: a wrapper of a kernel's template.
+    """Return a wrapper of a kernel's call template that treats constant arguments as variables.
 
-    Numba would compile the kernel, and all that it calls, once more for each constant among its arguments.
+    For calls by other kernels: numba would compile the kernel, and all that it calls, once more for each constant among
+    its arguments.
     """
 
     def get_call_template(args: Any, kws: Any) -> Any:
@@ -96,6 +106,7 @@ class Stopwatch(event.Listener):  # type: ignore[misc]
             self._before += time.perf_counter() - self._begin
 
     def _check_time(self) -> None:
+        """Call `notify` if more than `PATIENCE_S` of compilation time has passed."""
         if self._before + time.perf_counter() - self._begin > PATIENCE_S:
             self._notify()
 

@@ -35,11 +35,11 @@ config.reload_config()
 
 @cache
 def _files_of(name: str, base: str) -> tuple[tuple[str, str], ...]:
-    """Files of a module and of its parent packages (which Python executes, too), by dotted name.
+    """Return (dotted name, path) of the files of a module and of its parent packages, which Python executes, too.
 
     Args:
-        name: dotted; what follows a module, as the name of a function, counts for nothing.
-        base: folder that the top package lies in.
+        name: dotted name of a module; what follows a module, such as the name of a function, is ignored.
+        base: folder of the top-level package.
     """
     found = []
     path = base
@@ -57,11 +57,11 @@ def _files_of(name: str, base: str) -> tuple[tuple[str, str], ...]:
 
 @cache
 def _read(name: str, path: str) -> tuple[bytes, tuple[str, ...]]:
-    """SHA-256 digest of a module's file, and the absolute names that it imports (modules, or names in them).
+    """Return the SHA-256 digest of a module's file, and the absolute names that it imports (modules, or names in them).
 
     Args:
-        name: of the module, for relative imports.
-        path: its file.
+        name: dotted name of the module, for relative imports.
+        path: path of its file.
     """
     text = Path(path).read_bytes()
     package = name if path.endswith("__init__.py") else name.rpartition(".")[0]
@@ -77,14 +77,14 @@ def _read(name: str, path: str) -> tuple[bytes, tuple[str, ...]]:
 
 
 def files_behind(module: str, base: str) -> dict[str, str]:
-    """Files that a module imports within its package and occlog, directly or indirectly, including its own.
+    """Return the files that a module imports within its package and occlog, directly or indirectly, with its own.
 
     Args:
         module: dotted name.
-        base: folder that its top package lies in; of a module without a package also its neighbours count.
+        base: folder of its top-level package; for a module without a package, also modules in this folder are included.
 
     Returns:
-        paths by the dotted names of modules.
+        Paths by the dotted names of modules.
     """
     own = module.partition(".")[0]
     bases = {"occlog": str(PROGRAM), own: base}
@@ -102,7 +102,7 @@ def files_behind(module: str, base: str) -> dict[str, str]:
 
 
 def _absolute(name: str, package: str) -> str:
-    """Absolute dotted name of a relative import from within a package."""
+    """Return the absolute dotted name of an import `name`, which may be relative (with leading dots), in a package."""
     rest = name.lstrip(".")
     up = len(name) - len(rest)
     if not up:
@@ -113,9 +113,9 @@ def _absolute(name: str, package: str) -> str:
 
 @cache
 def stamp(module: str, base: str) -> str:
-    """SHA-256 over numba's version and the source files that a module's kernels depend on, with their names.
+    """Return the SHA-256 over numba's version and the source files that a module's kernels depend on, with their names.
 
-    `base` is the folder with the top-level package.
+    `base` is the folder of the top-level package.
     """
     whole = hashlib.sha256(numba.__version__.encode())
     for name, path in sorted(files_behind(module, base).items()):
@@ -125,7 +125,10 @@ def stamp(module: str, base: str) -> str:
 
 @cache
 def _chosen() -> Path | None:
-    """Folder of `NUMBA_CACHE_DIR`; None if unset, or if others can write to it."""
+    """Return the folder of `NUMBA_CACHE_DIR`, which is created if missing; None if unset or unusable, with a note.
+
+    It is unusable if it is relative, cannot be created, or can be written by others.
+    """
     given = os.environ.get(CACHE_DIR, "")
     if not given:
         return None
@@ -145,7 +148,7 @@ def _chosen() -> Path | None:
 
 
 def _users() -> Path:
-    """Folder for kernels in the user's cache folder."""
+    """Return the folder for kernels in the user's cache folder."""
     from numba.misc.appdirs import AppDirs
 
     return Path(AppDirs(appname="occlog", appauthor=False).user_cache_dir) / "kernels"
@@ -155,17 +158,20 @@ class KernelLocator:
     """Locator of a kernel's cache: `NUMBA_CACHE_DIR`, the program's folder, or the user's cache folder."""
 
     def __init__(self, function: Callable[..., Any], base: str, folder: Path) -> None:
-        """Use `folder` for a function with its top package in `base`."""
+        """Use `folder` for the compiled kernel of a function; `base` is the folder of its top-level package."""
         self._line = function.__code__.co_firstlineno
         self._module, self._base, self._folder = function.__module__, base, folder
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> KernelLocator | None:
-        """Locator of the first folder that is writable (by this user only, except the program's); None without one.
+        """Return the locator of the first folder that is writable; None without one.
+
+        The order is `NUMBA_CACHE_DIR`, the folder of the source file, the user's cache folder. All but the second must
+        be writable by this user only.
 
         Args:
-            function: the kernel, of which the module's name counts.
-            file: source file of this module.
+            function: the kernel; its module's name is used.
+            file: source file of the module.
         """
         path = Path(file).resolve()
         depth = function.__module__.count(".") + (path.name == "__init__.py")
@@ -183,21 +189,21 @@ class KernelLocator:
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def get_cache_path(self) -> str:
-        """Folder of the compiled kernels."""
+        """Return the folder of the compiled kernels."""
         return str(self._folder)
 
     def get_source_stamp(self) -> str:
-        """Stamp of the kernel's source files."""
+        """Return the digest of the kernel's source files; another one makes the compiled kernel invalid."""
         return stamp(self._module, self._base)
 
     def get_disambiguator(self) -> str:
-        """Text that distinguishes functions of one name in a file: the first line."""
+        """Return a text that distinguishes functions of one name in a file: the number of the first line."""
         return str(self._line)
 
 
 @cache
 def _usable(folder: Path, trusted: bool) -> bool:
-    """Whether a folder exists or can be created, and is writable; by this user only, unless it is `trusted`.
+    """Return whether a folder exists or can be created, and is writable; by this user only, unless it is `trusted`.
 
     A missing folder is created.
     """
@@ -209,6 +215,8 @@ def _usable(folder: Path, trusted: bool) -> bool:
 
 
 class _Files(CompileResultCacheImpl):  # type: ignore[misc]
+    """Numba's files of compiled kernels, in the folders of `KernelLocator`."""
+
     _locator_classes = (KernelLocator,)
 
 
@@ -237,7 +245,10 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             raise NoCacheError from error
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load the compiled kernel for a signature; None if it is missing, or stored in a form that cannot be read."""
+        """Return the compiled kernel for the argument types `sig`; None if it is missing, or cannot be read.
+
+        An unreadable cache is emptied. `target_context` is numba's.
+        """
         try:
             return super().load_overload(sig, target_context)
         except (AttributeError, ImportError):
@@ -245,7 +256,10 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save the compiled kernel of a signature; on failure (full disk), which is noted, only this process has it."""
+        """Save the compiled kernel `data` for the argument types `sig`.
+
+        On failure (full disk) a note is made, and only this process has the kernel.
+        """
         try:
             super().save_overload(sig, data)
         except OSError:

@@ -38,11 +38,11 @@ class RandomStream(IntEnum):
 
 
 def generator(seed: int, stage: RandomStream, *items: int, run: int = 0) -> np.random.Generator:
-    """Random generator for one stage and item of one run, independent of all others with the same seed.
+    """Return a random generator for one purpose and item of one run, independent of all others with the same seed.
 
     Args:
-        seed: of the command.
-        stage: stage, or part of it.
+        seed: seed of the command.
+        stage: purpose of the random numbers.
         items: numbers of object, of sensor, or of sensor and frame.
         run: number of the Monte Carlo run.
     """

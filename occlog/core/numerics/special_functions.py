@@ -19,7 +19,7 @@ HALF_EIGHTH = math.sqrt(2.0) - 1.0
 
 @array_kernel
 def fast_atan2(y: float, x: float) -> float:
-    """Azimuth [rad, -pi..pi] of (x, y) within 1e-15; 0 for (0, 0); finite arguments only."""
+    """Return the azimuth [rad, -pi..pi] of (x, y) within 1e-15; 0 for (0, 0); for finite arguments only."""
     ax, ay = abs(x), abs(y)
     large, small = max(ax, ay), min(ax, ay)
     # atan(t) = pi/4 + atan((t - 1) / (t + 1))
@@ -50,7 +50,7 @@ EDGE = 4.6
 
 @array_kernel
 def fast_erf(x: float) -> float:
-    """Error function erf(x) with an error below 1e-10; NaN stays NaN."""
+    """Return the error function erf(x) with an error below 1e-10; NaN for NaN."""
     x = EDGE if x > EDGE else x
     x = -EDGE if x < -EDGE else x
     t = x * x

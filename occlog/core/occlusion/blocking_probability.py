@@ -27,11 +27,12 @@ LEVELS = 9
 
 @kernel
 def sides(rows: Floats, polygon: Floats) -> Floats:
-    """(4 n + K, 4) sides of n rectangles and a polygon: (s, t) of both ends.
+    """Return the (4 n + K, 4) sides of n rectangles and a polygon: coordinates s, t of both ends of each.
 
     Args:
-        rows: (n, 6) rectangles, as `_strips` gives them.
-        polygon: (K, 2); none: (0, 2).
+        rows: (n, 6) rectangles: unit vector of the long axis (s, t), middle of the first short side (s, t), length,
+            half of the width.
+        polygon: (K, 2) corners (s, t); (0, 2) for none.
     """
     n, K = rows.shape[0], polygon.shape[0]
     out = np.empty((4 * n + K, 4))
@@ -52,16 +53,16 @@ def sides(rows: Floats, polygon: Floats) -> Floats:
 
 @kernel
 def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) -> Floats:
-    """Increasing t, from low to high, between which the integrand is smooth.
+    """Return increasing values t, from `low` to `high`, between which the integrand over t is smooth.
 
-    At corners, at crossings of sides and, for a normal prior (sigma > 0), where a side nearly parallel to the slices
-    passes even multiples of sigma.
+    They are at corners, at crossings of sides and, for a normal prior (sigma > 0), where a side nearly parallel to the
+    slices passes even multiples of sigma.
 
     Args:
-        border: (E, 4) sides.
-        low: first slice.
-        high: last slice.
-        sigma: standard deviation along the slices; 0: not normal.
+        border: (E, 4) sides: s, t of both ends.
+        low: t of the first slice.
+        high: t of the last slice.
+        sigma: standard deviation along the slices; 0: the prior is not normal.
         minor: standard deviation across them.
     """
     E = border.shape[0]
@@ -92,7 +93,7 @@ def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) ->
 
 @kernel
 def crossing(a: Floats, b: Floats) -> float:
-    """Second coordinate t at which two segments cross; NaN if they do not cross.
+    """Return the coordinate t at which two segments cross; NaN if they do not cross or are parallel.
 
     Args:
         a: (4,) s, t of one end, s, t of the other.
@@ -112,9 +113,9 @@ def crossing(a: Floats, b: Floats) -> float:
 
 @kernel
 def steepest(border: Floats, low: float, high: float) -> float:
-    """Greatest |ds/dt| of the sides that pass between the slices at low and high; 0 without any.
+    """Return the greatest |ds/dt| of the sides that pass between the slices at t = low and t = high; 0 without any.
 
-    `border` (E, 4) has s, t of both ends of each side.
+    `border` (E, 4) has the coordinates s, t of both ends of each side.
     """
     most = 0.0
     for e in range(border.shape[0]):
@@ -135,7 +136,7 @@ RULES[0], RULES[1, :, :8] = np.polynomial.legendre.leggauss(16), np.polynomial.l
 
 @kernel
 def normal_between(low: float, high: float) -> float:
-    """Probability of a standard normal variable between low and high; 0 if low >= high.
+    """Return the probability of a standard normal variable between low and high; 0 if low >= high.
 
     In a tail the complementary error function avoids cancellation.
     """
@@ -151,17 +152,17 @@ def normal_between(low: float, high: float) -> float:
 
 @kernel
 def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Floats:
-    """(2^N,) probabilities that occluder j hides (x, y) from exactly a set of cameras.
+    """Return the (2^N,) probabilities that occluder j hides the position (x, y) from exactly a set of N cameras.
 
-    Bit i of an index represents camera i; index 0 is "from none".  They sum to 1.  From a
-    camera that stands at (x, y) nothing is hidden.
+    Bit i of an index represents camera i; index 0 is the empty set. They sum to 1. From a camera at (x, y) nothing is
+    hidden.
 
     Args:
-        x: the position.
-        y: the same.
+        x: position.
+        y: position.
         cameras: (N, 2) positions.
-        priors: of the occluders.
-        j: which of them.
+        priors: priors of the occluders.
+        j: index of the occluder.
     """
     out = np.zeros(1 << cameras.shape[0])
     # Rectangles that the prior reaches, in the prior's axes
@@ -185,20 +186,21 @@ def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Float
 
 @kernel
 def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tuple[Floats, Ints]:
-    """Rectangles of cameras that the prior can reach, in its own axes (s major, t minor, origin at the mean).
+    """Return the rectangles of cameras that the prior can reach, in its own axes: s major, t minor, origin at the mean.
 
-    An occluder with its centre in a camera's rectangle hides (x, y) from it.
+    An occluder with its centre in a camera's rectangle hides (x, y) from that camera.
 
     Args:
         x: position.
         y: position.
         cameras: (N, 2) positions.
-        priors: of the occluders.
-        j: which of them.
+        priors: priors of the occluders.
+        j: index of the occluder.
 
     Returns:
-        (n, 6): direction to the position, s and t; the camera's position, s and t; distance; half-width.
-        (n,): bit of the camera.
+        (n, 6) rectangles: unit vector to (x, y) as s and t; the camera's position as s and t; distance; half of the
+        width.
+        (n,) bits of the cameras: 1 << i for camera i.
     """
     c, s, radius = priors.axis[j, 0], priors.axis[j, 1], priors.radius[j]
     reach = SUPPORT_SIGMAS * priors.sigma[j]
@@ -227,7 +229,7 @@ def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tupl
 
 @kernel
 def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
-    """(K, 2) points `corners` (K, 2) in the axes of prior j (major, minor), relative to its mean."""
+    """Return points `corners` (K, 2) in the axes of prior j: along its major and minor axis, relative to its mean."""
     c, s = priors.axis[j, 0], priors.axis[j, 1]
     out = np.empty(corners.shape)
     for k in range(corners.shape[0]):
@@ -238,9 +240,10 @@ def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
 
 @kernel
 def _interval(row: Floats, t: float) -> tuple[float, float]:
-    """Interval of s in which the slice at t is inside a rectangle; empty if low > high.
+    """Return the interval (low, high) of s in which the slice at t is inside a rectangle; low > high if it is not.
 
-    `row` (6,) is the rectangle as `_strips` returns it.
+    `row` (6,) is the rectangle: unit vector of its long axis (s, t), middle of its first short side (s, t), length,
+    half of the width.
     """
     d_s, d_t, r, radius = row[0], row[1], row[4], row[5]
     start = (t - row[3]) * d_t - row[2] * d_s  # distance along the line of sight at s = 0; it grows by d_s
@@ -268,18 +271,20 @@ def _slice_into(
     ends: Floats,
     flips: Ints,
 ) -> bool:
-    """Add `weight` times the integral over the slice at t to the pieces, in place; False if no rectangle is met.
+    """Add `weight` times the integral of a prior over the slice at t, for each set of cameras, to `out`, in place.
+
+    False, without a change, if the slice meets no rectangle.
 
     Args:
-        out: (2^N,) pieces.
+        out: (2^N,) integrals, by the set of cameras from which the position is hidden.
         t: position of the slice.
-        rows: (n, 6) rectangles.
-        bits: (n,) of their cameras.
-        inside: (2 m,) positions where the slice enters and leaves a uniform prior; none: it is normal.
-        sigma: standard deviation along the slice of a normal prior; 0: all of it is at 0.
-        weight: of the slice.
-        ends: (2 n + 2 m,) room to work in.
-        flips: the same.
+        rows: (n, 6) rectangles, as `_strips` returns them.
+        bits: (n,) bits of their cameras.
+        inside: (2 m,) s at which the slice enters and leaves a uniform prior; empty: the prior is normal.
+        sigma: standard deviation along the slice of a normal prior; 0: all of it is at s = 0.
+        weight: weight of the slice.
+        ends: (2 n + 2 m,) workspace.
+        flips: (2 n + 2 m,) workspace.
     """
     n, m = bits.shape[0], inside.shape[0]
     # Ends of the rectangles' intervals, sorted; `mask`: the rectangles that hold the prior's mean
@@ -318,14 +323,14 @@ def _slice_into(
 
 @kernel
 def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None:
-    """Insert an end among the first `size` sorted ends, in place.
+    """Insert an end of an interval among the first `size` sorted ends, in place.
 
     Args:
         ends: ends, with room for one more.
-        flips: the bit of each, in the same order.
+        flips: bit of the rectangle or polygon of each end, in this order.
         size: number of ends so far.
-        end: the new one.
-        flip: its bit.
+        end: the new end.
+        flip: bit of the new end.
     """
     k = size
     while k > 0 and ends[k - 1] > end:
@@ -336,11 +341,11 @@ def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None
 
 @kernel
 def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: float) -> None:
-    """Add the probabilities of a normal prior, in place, by Gauss-Legendre quadrature between the cuts.
+    """Add the probabilities of a normal prior to `out`, in place, by Gauss-Legendre quadrature between the cuts.
 
     Args:
-        out: (2^N,) probability that exactly a set of cameras is blocked.
-        rows: (n, 6) rectangles of `_strips`.
+        out: (2^N,) probability that the position is hidden from exactly a set of cameras.
+        rows: (n, 6) rectangles, as `_strips` returns them.
         bits: (n,) bits of their cameras.
         sigma: standard deviation along the major axis.
         minor: standard deviation along the minor axis, > 0.
@@ -367,13 +372,13 @@ def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: flo
 
 @kernel
 def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> None:
-    """Add the probabilities of a prior that is uniform over a polygon, in place.
+    """Add the probabilities of a prior that is uniform over a polygon to `out`, in place.
 
     The midpoint rule is exact between the cuts.
 
     Args:
-        out: (2^N,) probability that exactly a set of cameras is blocked.
-        rows: (n, 6) rectangles of `_strips`.
+        out: (2^N,) probability that the position is hidden from exactly a set of cameras.
+        rows: (n, 6) rectangles, as `_strips` returns them.
         bits: (n,) bits of their cameras.
         polygon: (K, 2) counter-clockwise, in the prior's own axes.
     """
@@ -394,7 +399,10 @@ def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> Non
 
 @kernel
 def _entered(polygon: Floats, t: float) -> Floats:
-    """Values s, unsorted, at which the slice at t crosses the sides of a polygon (K, 2); an even number."""
+    """Return the values s at which the slice at t crosses the sides of a polygon (K, 2), unsorted and even in number.
+
+    They are where the slice enters and leaves the polygon.
+    """
     K, size = polygon.shape[0], 0
     out = np.empty(K)
     for k in range(K):

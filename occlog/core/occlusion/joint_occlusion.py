@@ -39,23 +39,28 @@ def add_joint(
     floor: float,
     far: float,
 ) -> None:
-    """Add the log of the sum over subsets of cameras to `total` (L,), in place.
+    """Add the log-likelihood of the reports of several cameras to `total` (L,), in place, for each of L positions.
 
-    See `occlog.filtering.likelihood.directions`.
+    It is the log of the sum over subsets Q of the cameras of p_Q prod_Q (a - b) prod_not-Q b, [Ercan] Eq. 8, with p_Q
+    the probability that no camera of Q is blocked.
 
     Args:
-        total: (L,) log-likelihoods.
+        total: (L,) log-likelihoods; positions with -inf are left out.
         xy: (L, 2) positions.
-        sensor: (n,) sensors of the frames.
-        a: (n, L) factors where no occluder hides the position.
-        b: (n,) factors where one does.
-        assigned: (n, L) frames that count for a position; at most `MAX_CAMERAS` of them.
-        positions: (S, 2) positions of the sensors.
-        priors: of the occluders.
-        exact: without the assumption of Eq. 8.
-        form: of q, if not exact.
-        floor: least value, relative.
-        far: standard deviations at which a prior counts as over, if not exact.
+        sensor: (n,) index of the camera of each frame.
+        a: (n, L) likelihood of a frame's report if no occluder hides the position.
+        b: (n,) likelihood of a frame's report if an occluder does.
+        assigned: (n, L) frames that count for a position.
+        positions: (S, 2) positions of the cameras.
+        priors: priors of the occluders.
+        exact: True: p_Q is exact; False: the rectangles of an occluder for different cameras are taken as disjoint (Eq.
+            8).
+        form: approximation of single blocking probabilities: `PRINTED`, `IMPROVED` or `QUADRATURE`; if not exact.
+        floor: least value of the sum, relative to prod max(a, b).
+        far: standard deviations at which a normal prior is cut off; if not exact.
+
+    Raises:
+        ValueError: more than `MAX_CAMERAS` frames count for a position.
     """
     n, L, M = a.shape[0], xy.shape[0], priors.sigma.shape[0]
     q = np.zeros((n, 1 if exact else M, L))
@@ -80,13 +85,13 @@ def add_joint(
 
 @array_kernel
 def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
-    """(2^m,) probability that no camera of Q (bit mask) is blocked at (x, y), for every subset Q of the m cameras.
+    """Return the (2^m,) probability for every subset Q of m cameras (a bit mask) that none of Q is blocked at (x, y).
 
     Args:
         x: position.
         y: position.
         cameras: (m, 2) positions.
-        priors: of the occluders, which are independent of each other.
+        priors: priors of the occluders, which are independent of each other.
     """
     m = cameras.shape[0]
     out = np.ones(1 << m)
@@ -105,15 +110,15 @@ def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
 
 @array_kernel
 def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
-    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, at least floor times prod max(a, b).
+    """Return the sum over subsets Q of m cameras of p_Q prod_Q (a - b) prod_not-Q b.
 
-    p_Q = `clear` is the probability that no camera of Q is blocked.
+    It is at least floor times prod max(a, b).
 
     Args:
-        clear: (2^m,) p_Q.
-        a: (m,) factors of cameras that are not blocked.
-        b: (m,) factors of cameras that are.
-        floor: least value, relative.
+        clear: (2^m,) probability p_Q that no camera of Q is blocked, by bit mask of Q.
+        a: (m,) likelihoods of the reports of cameras that are not blocked.
+        b: (m,) likelihoods of the reports of cameras that are blocked.
+        floor: least value, relative to prod max(a, b).
     """
     m = a.shape[0]
     scale: Floats = np.maximum(a, b)
@@ -139,15 +144,16 @@ LANES = 4
 
 @array_kernel
 def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
-    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, at least floor times prod max(a, b).
+    """Return the sum over subsets Q of m cameras of p_Q prod_Q (a - b) prod_not-Q b, by the recursion of [Ercan] Eq. 9.
 
-    p_Q = prod_j max(0, 1 - sum_Q q_ij) is the probability that no camera of Q is blocked (Eq. 8).
+    p_Q = prod_j max(0, 1 - sum_Q q_ij) is the probability that no camera of Q is blocked (Eq. 8). The sum is at least
+    floor times prod max(a, b).
 
     Args:
         q: (m, M) probabilities that occluder j blocks camera i.
-        a: (m,) factors of cameras that are not blocked.
-        b: (m,) factors of cameras that are.
-        floor: least value, relative, > 0 or 0.
+        a: (m,) likelihoods of the reports of cameras that are not blocked.
+        b: (m,) likelihoods of the reports of cameras that are blocked.
+        floor: least value, relative to prod max(a, b), >= 0.
     """
     m = a.shape[0]
     scale: Floats = np.maximum(a, b)
@@ -191,7 +197,7 @@ def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
 
 @array_kernel
 def by_weight(seeing: Floats, hidden: Floats) -> Ints:
-    """(m,) order of the cameras for pruning: those with one negligible branch first.
+    """Return the (m,) order of cameras in which a binary tree is pruned most: those with one negligible branch first.
 
     Args:
         seeing: (m,) factor of the branch in which the camera is not blocked.
@@ -210,7 +216,7 @@ def by_weight(seeing: Floats, hidden: Floats) -> Ints:
 
 @array_kernel
 def joint_visibility(sums: Floats) -> float:
-    """Probability that no camera of a set is blocked: prod_j max(0, 1 - sums_j).
+    """Return the probability that no camera of a set is blocked: prod_j max(0, 1 - sums_j).
 
     `sums` (M,) are, for each occluder, the sums of its blocking probabilities over the cameras of the set.
     """
@@ -228,7 +234,13 @@ def joint_visibility(sums: Floats) -> float:
 
 @array_kernel
 def relevant_priors(q: Floats, p: int, use: Ints) -> Floats:
-    """(m, K) values of q (n, M, L) at position p for cameras `use`, without occluders that block none of them."""
+    """Return the (m, K) blocking probabilities at position p for cameras `use` (m,), without occluders that block none.
+
+    Args:
+        q: (n, M, L) probability that occluder j hides position p from camera k.
+        p: index of the position.
+        use: (m,) indices of cameras.
+    """
     out = np.empty((use.shape[0], q.shape[1]))
     K = 0
     for j in range(q.shape[1]):

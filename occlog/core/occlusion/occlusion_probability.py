@@ -40,7 +40,7 @@ ROUND = 1e-9
 
 
 class CameraRays(NamedTuple):
-    """Lines of sight from a camera to n positions, with their bounds."""
+    """Lines of sight from a camera to n positions: unit vectors and lengths, with bounds of both."""
 
     ux: Floats  # (n,) unit vectors
     uy: Floats
@@ -55,7 +55,7 @@ class CameraRays(NamedTuple):
 
 @array_kernel
 def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
-    """Lines of sight from (x0, y0) to the positions `xy[rows]`."""
+    """Return the lines of sight from (x0, y0) to the positions with indices `rows` (n,) among `xy` (L, 2)."""
     n = rows.shape[0]
     ux, uy, r = np.empty(n), np.empty(n), np.empty(n)
     gx, gy = 0.0, 0.0
@@ -80,17 +80,18 @@ def rays_to(xy: Floats, rows: Ints, x0: float, y0: float) -> CameraRays:
 def blocking_into(
     q: Floats, rays: CameraRays, x0: float, y0: float, j: int, priors: Priors, form: int, far: float
 ) -> bool:
-    """Write probabilities (n,) that occluder j hides the ends of the rays; False, with `q` unchanged, if all are 0.
+    """Write the probabilities that occluder j hides the ends of the rays to `q`; False, without a change, if all are 0.
 
     Args:
-        q: (n,) filled.
-        rays: from (x0, y0).
-        x0: the camera's position.
-        y0: the same.
-        j: row of the prior.
-        priors: all of them.
-        form: PRINTED, IMPROVED or QUADRATURE; only priors that are neither isotropic nor degenerate depend on it.
-        far: standard deviations at which a normal distribution counts as over.
+        q: (n,) filled in place.
+        rays: rays from (x0, y0) to n positions.
+        x0: position of the camera.
+        y0: position of the camera.
+        j: index of the occluder.
+        priors: priors of all occluders.
+        form: `PRINTED` ([Ercan] Eq. 7), `IMPROVED` or `QUADRATURE`; only normal priors that are neither isotropic nor
+            degenerate depend on it.
+        far: standard deviations at which a normal prior is cut off.
     """
     mx, my = priors.mean[j, 0] - x0, priors.mean[j, 1] - y0
     sigma, radius = priors.sigma[j], priors.radius[j]
@@ -133,18 +134,18 @@ def blocking_into(
 def visibility_probability(
     xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """(n,) probabilities P = prod_j (1 - q_j) of an unoccluded view of `xy[rows]` from a camera at (x0, y0).
+    """Return the (n,) probabilities P = prod_j (1 - q_j) that no occluder hides positions from a camera at (x0, y0).
 
-    Occluders are independent of each other.
+    Occluders are independent of each other; q_j is the probability that occluder j hides the position.
 
     Args:
         xy: (L, 2) positions.
-        rows: (n,) indices of those that count.
+        rows: (n,) indices of the positions that are wanted.
         x0: position of the camera.
         y0: position of the camera.
-        priors: of the occluders.
-        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
-        far: standard deviations at which a normal distribution counts as over.
+        priors: priors of the occluders.
+        form: `PRINTED` ([Ercan] Eq. 7), `IMPROVED` or `QUADRATURE`.
+        far: standard deviations at which a normal prior is cut off.
     """
     n = rows.shape[0]
     share = np.ones(n)
@@ -162,19 +163,16 @@ def visibility_probability(
 def blocking_probabilities(
     xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """Probabilities q that single moving occluders hide positions from a camera.
+    """Return the (M, n) probabilities that single occluders hide positions from a camera at (x0, y0).
 
     Args:
         xy: (L, 2) positions.
-        rows: (n,) indices of those that are wanted.
+        rows: (n,) indices of the positions that are wanted.
         x0: position of the camera.
         y0: position of the camera.
-        priors: of the M occluders.
-        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
-        far: standard deviations at which a normal distribution counts as over.
-
-    Returns:
-        (M, n) probabilities, by occluder and position.
+        priors: priors of the M occluders.
+        form: `PRINTED` ([Ercan] Eq. 7), `IMPROVED` or `QUADRATURE`.
+        far: standard deviations at which a normal prior is cut off.
     """
     n = rows.shape[0]
     out = np.zeros((priors.sigma.shape[0], n))
@@ -188,7 +186,10 @@ def blocking_probabilities(
 
 @array_kernel
 def extent(j: int, priors: Priors, far: float) -> float:
-    """Greatest distance from the mean of prior j: `far` standard deviations, or the distance of its farthest corner."""
+    """Return the greatest distance from the mean of prior j that counts.
+
+    It is `far` standard deviations of a normal prior, or the distance of the farthest corner of a polygon.
+    """
     if priors.first[j] == priors.first[j + 1]:
         gaussian: float = far * priors.sigma[j]
         return gaussian
@@ -212,7 +213,7 @@ def isotropic_into(
     before: bool,
     behind: bool,
 ) -> None:
-    """Write blocking probabilities q of an isotropic prior; `scale` is 1 / (sqrt 2 sigma).
+    """Write the blocking probabilities of an isotropic normal prior to `q`, in place ([Ercan] Eq. 7, exact here).
 
     Four loops without branches, for vectorisation.
 
@@ -224,7 +225,7 @@ def isotropic_into(
         mx: mean of the prior, relative to the camera.
         my: mean of the prior, relative to the camera.
         radius: half of the occluder's diameter.
-        scale: as above.
+        scale: 1 / (sqrt 2 sigma) of the prior's standard deviation sigma.
         before: the whole prior is in front of the camera.
         behind: the whole prior is nearer than the end of every ray.
     """
@@ -252,9 +253,19 @@ def isotropic_into(
 
 @array_kernel
 def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors: Priors, form: int) -> float:
-    """Probability that occluder j hides the position at distance r in direction (ux, uy) from (x0, y0).
+    """Return the probability that occluder j hides the position at distance r in direction (ux, uy) from a camera.
 
     Degenerate priors and polygons are exact with every form.
+
+    Args:
+        ux: unit vector to the position.
+        uy: unit vector to the position.
+        r: distance of the position.
+        x0: position of the camera.
+        y0: position of the camera.
+        j: index of the occluder.
+        priors: priors of all occluders.
+        form: `PRINTED` ([Ercan] Eq. 7), `IMPROVED` or `QUADRATURE`.
     """
     radius, sigma, minor = priors.radius[j], priors.sigma[j], priors.minor[j]
     mx, my = priors.mean[j, 0] - x0, priors.mean[j, 1] - y0
@@ -290,7 +301,7 @@ def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors:
 
 @array_kernel
 def density(x: float) -> float:
-    """Density of the standard normal distribution at x."""
+    """Return the density of the standard normal distribution at x."""
     return math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
 
 
@@ -303,7 +314,7 @@ MIN_CAMERA_DISTANCE = 2.0
 
 
 class HiddenGrid(NamedTuple):
-    """Chebyshev grid over the bounding box of a cloud of L positions; empty if interpolation is not worthwhile."""
+    """Chebyshev grid over the bounding box of a cloud of L positions; without points where interpolation is slower."""
 
     points: Floats  # (K, 2), the second coordinate running faster
     first: Floats  # (nx, L) Chebyshev polynomials of the positions' first coordinate
@@ -318,13 +329,16 @@ class HiddenGrid(NamedTuple):
 
 @array_kernel
 def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid:
-    """Create the Chebyshev grid over the box around the positions (L, 2) `xy` that are `free`.
+    """Return the Chebyshev grid over the bounding box of the free positions, for interpolated visibility probabilities.
+
+    It has no points if it would not be faster than L single positions, or if a prior is not normal or is degenerate.
 
     Args:
-        xy: positions.
-        free: (L,) those that count.
-        priors: of the occluders.
-        far: standard deviations at which a prior counts as over; the error is to be of the size of that tail.
+        xy: (L, 2) positions.
+        free: (L,) positions that count.
+        priors: priors of the occluders.
+        far: standard deviations at which a normal prior is cut off; the tail beyond is the tolerance of the
+            interpolation.
     """
     # Tolerance: the tail that `far` omits
     tolerance = 0.5 * math.erfc(far / math.sqrt(2.0))
@@ -368,7 +382,7 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> HiddenGrid
 
 @array_kernel
 def terms(half: float, tolerance: float) -> int:
-    """Number of Chebyshev polynomials for an interval of +- half standard deviations of the narrowest prior.
+    """Return the number of Chebyshev polynomials for an interval of +- `half` deviations of the narrowest prior.
 
     The coefficients of a Gaussian decrease as (half / 2)^n / sqrt(n!); those below `tolerance` are left out.
     """
@@ -381,7 +395,7 @@ def terms(half: float, tolerance: float) -> int:
 
 @array_kernel
 def polynomials(values: Floats, middle: float, half: float, n: int) -> Floats:
-    """(n, L) Chebyshev polynomials of degrees 0 to n - 1 at (L,) values of middle +- half."""
+    """Return the (n, L) Chebyshev polynomials of degrees 0 to n - 1 at `values` (L,) in the interval middle +- half."""
     out = np.ones((n, values.shape[0]))
     if n > 1:
         for p in range(values.shape[0]):
@@ -394,7 +408,7 @@ def polynomials(values: Floats, middle: float, half: float, n: int) -> Floats:
 
 @array_kernel
 def fit(n: int) -> Floats:
-    """(n, n) matrix from values at n Chebyshev points to coefficients: the discrete cosine transform."""
+    """Return the (n, n) matrix from values at n Chebyshev points to coefficients: the discrete cosine transform."""
     out = np.empty((n, n))
     for k in range(n):
         for a in range(n):
@@ -406,23 +420,20 @@ def fit(n: int) -> Floats:
 def unhidden_over(
     grid: HiddenGrid, xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float
 ) -> Floats:
-    """Probabilities that positions are not hidden from a camera, interpolated on a grid.
+    """Return the (n,) probabilities that positions are not hidden from a camera at (x0, y0), interpolated on a grid.
 
-    They approximate `visibility_probability`, and are exact where the grid is not faster, the camera is too near to it,
+    They approximate `visibility_probability`, and equal it where the grid is not faster, the camera is too near to it,
     or the error would be too large.
 
     Args:
-        grid: that of the positions `xy`.
+        grid: grid over the positions `xy` (`make_grid`).
         xy: (L, 2) positions.
-        rows: (n,) indices of those that are wanted.
+        rows: (n,) indices of the positions that are wanted.
         x0: position of the camera.
         y0: position of the camera.
-        priors: of the moving occluders.
-        form: `PRINTED`, `IMPROVED` or `QUADRATURE`, as in `blocking_into`.
-        far: standard deviations at which a normal distribution counts as over.
-
-    Returns:
-        (n,) probabilities.
+        priors: priors of the occluders.
+        form: `PRINTED` ([Ercan] Eq. 7), `IMPROVED` or `QUADRATURE`.
+        far: standard deviations at which a normal prior is cut off.
     """
     nx, ny = grid.first.shape[0], grid.second.shape[0]
     away = math.sqrt((grid.x - x0) ** 2 + (grid.y - y0) ** 2)
@@ -440,9 +451,9 @@ def unhidden_over(
 
 @array_kernel
 def coefficients_of(values: Floats, fit_first: Floats, fit_second: Floats) -> Floats:
-    """(nx, ny) Chebyshev coefficients of values (nx ny,) at the points of a grid, the second coordinate running faster.
+    """Return the (nx, ny) Chebyshev coefficients of values (nx ny,) at grid points, second coordinate running faster.
 
-    `fit_first` (nx, nx) and `fit_second` (ny, ny) are those of `HiddenGrid`.
+    `fit_first` (nx, nx) and `fit_second` (ny, ny) are the cosine transforms of `fit` for both coordinates.
     """
     nx, ny = fit_first.shape[0], fit_second.shape[0]
     half, out = np.zeros((nx, ny)), np.zeros((nx, ny))
@@ -459,7 +470,10 @@ def coefficients_of(values: Floats, fit_first: Floats, fit_second: Floats) -> Fl
 
 @array_kernel
 def left_over(coefficients: Floats) -> float:
-    """Magnitude of the last two coefficients in either direction: estimate of the truncation error."""
+    """Return the largest magnitude of the last two coefficients in either direction, to estimate the truncation error.
+
+    `coefficients` (nx, ny) are those of a Chebyshev series in two coordinates.
+    """
     nx, ny = coefficients.shape
     size = 0.0
     for k in range(nx):
@@ -471,7 +485,7 @@ def left_over(coefficients: Floats) -> float:
 
 @array_kernel
 def evaluate(coefficients: Floats, first: Floats, second: Floats, rows: Ints) -> Floats:
-    """(n,) values of a Chebyshev polynomial at the positions `rows` (n,), clipped to [0, 1].
+    """Return the (n,) values of a Chebyshev series at the positions `rows` (n,), clipped to [0, 1].
 
     Args:
         coefficients: (nx, ny).

@@ -19,7 +19,11 @@ MIN_VARIANCE_RATIO = 1e-12
 
 
 class Priors(NamedTuple):
-    """M priors of occluder positions, Gaussian or (with corners) uniform over a polygon."""
+    """M priors of occluder positions: normal (also degenerate), or uniform over a polygon, packed for kernels.
+
+    A prior with corners is uniform over them; its mean, axis and standard deviations are those of the uniform
+    distribution.
+    """
 
     mean: Floats  # (M, 2)
     axis: Floats  # (M, 2) unit vector along the major axis
@@ -31,12 +35,12 @@ class Priors(NamedTuple):
 
 
 def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors:
-    """Pack Gaussian priors.
+    """Return normal priors of occluder positions, packed for kernels.
 
     Args:
         mean: (M, 2) means.
         covariance: (M, 2, 2) covariances; all 0: the position is known.
-        diameter: of every occluder, > 0.
+        diameter: diameter of every occluder, > 0.
 
     Raises:
         ValueError: a covariance is not positive semi-definite.
@@ -61,11 +65,11 @@ def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors
 
 
 def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
-    """Pack priors uniform over simple polygons, with their means and covariances.
+    """Return priors that are uniform over simple polygons, with their means and covariances, packed for kernels.
 
     Args:
-        polygons: M polygons (K, 2), of either winding.
-        diameter: of every occluder, > 0.
+        polygons: M polygons (K, 2), of either orientation.
+        diameter: diameter of every occluder, > 0.
 
     Raises:
         ValueError: a polygon has no area.
@@ -84,18 +88,21 @@ def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
 
 
 def no_priors() -> Priors:
-    """Empty set of priors: there is no moving occluder."""
+    """Return an empty set of priors: there is no moving occluder."""
     return gaussian_priors(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 
 def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -> Priors:
-    """Remove the priors that may be of the tracked target itself.
+    """Return the priors without those that may be of the tracked target itself.
+
+    A prior is removed if the Mahalanobis distance of the two means is at most `gate`; the covariance is the sum of
+    both, plus the squared radius of the occluder per axis.
 
     Args:
-        priors: of everything that moves.
-        mean: (2,) where the target is thought to be.
-        covariance: (2, 2) of that.
-        gate: standard deviations of the difference within which a prior counts as the target's.
+        priors: priors of everything that moves.
+        mean: (2,) estimated position of the target.
+        covariance: (2, 2) covariance of the estimate.
+        gate: limit of the distance, in standard deviations.
     """
     if not len(priors.sigma):
         return priors
@@ -110,7 +117,7 @@ def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -
 
 
 def take_priors(priors: Priors, rows: Ints) -> Priors:
-    """Select priors by indices `rows`, as a copy."""
+    """Return the priors with the indices `rows`, as a copy."""
     corners = [priors.corners[priors.first[j] : priors.first[j + 1]] for j in rows.tolist()]
     first = np.concatenate([[0], np.cumsum([len(c) for c in corners])]).astype(np.int64)
     return Priors(
@@ -125,7 +132,7 @@ def take_priors(priors: Priors, rows: Ints) -> Priors:
 
 
 def _moments(polygon: Floats) -> tuple[Floats, Floats]:
-    """Mean (2,) and covariance (2, 2) of the uniform distribution over a counter-clockwise polygon."""
+    """Return mean (2,) and covariance (2, 2) of the uniform distribution over a counter-clockwise polygon (K, 2)."""
     origin = polygon.mean(axis=0)
     a = polygon - origin
     b = np.roll(a, -1, axis=0)

@@ -22,7 +22,7 @@ NEAREST = 1e-9
 
 
 def azimuth(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
-    """Azimuths (..., m) [rad] of positions about m stations, and their gradients by position (..., m, 2).
+    """Return azimuths (..., m) [rad] of positions about m stations, and their gradients by position (..., m, 2).
 
     Args:
         xy: (..., m, 2) one position for each station, or (..., 1, 2) one for all.

@@ -83,7 +83,12 @@ class PackedScan(NamedTuple):
 
 
 class DetectionModel(NamedTuple):
-    """Detection model: probabilities of the factors in the module docstring, for S sensors."""
+    """Probabilities of detection, false alarms and clutter of S sensors, by which the reports of a scan are weighed.
+
+    `hit` P_D and `miss` 1 - P_D of a labelled report, `false` P_F, `candidate` P that the target is among a sensor's
+    candidates, `clutter` the expected number of other candidates. `soften` is the factor of a detection of a target
+    that the camera cannot see. The factors are listed in the module docstring.
+    """
 
     hit: Floats  # (S,)
     miss: Floats  # (S,)
@@ -106,7 +111,7 @@ def add_pixel(
         xy: (L, 2) positions of the target.
         i: index of the camera.
         z: measurement [px], from the optical axis.
-        variance: of the reading itself [px^2]; that by the errors of the camera's pose is added.
+        variance: variance of the reading [px^2]; that by the errors of the camera's pose is added.
         share: factor of the density.
         sensors: has positions and axes of the cameras.
         noise: has focal lengths and the errors of the poses.
@@ -144,17 +149,14 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 @kernel
 def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise) -> Floats:
-    """Likelihood of one report of a scan at given target positions.
+    """Return (L,) sums, over the measurements of one report, of share times density at given target positions.
 
     Args:
         xy: (L, 2) positions.
         k: index of the report.
         scan: has the measurements of the report, their variances and shares.
-        sensors: has the position of the sensor.
-        noise: of measurements in pixels.
-
-    Returns:
-        (L,) sum over the measurements of the report of share times density.
+        sensors: positions and axes of all sensors.
+        noise: errors of measurements in pixels.
     """
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
@@ -170,19 +172,18 @@ def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Mea
 def factors(
     xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, seen: Bools
 ) -> tuple[Floats, float]:
-    """Factors of report k, by the table in the module docstring, for target positions (L, 2).
+    """Return the (L,) likelihood factors of report k at target positions, and the factor behind an occluder.
+
+    The factors, by the table in the module docstring, are those without moving occluders.
 
     Args:
         xy: (L, 2) positions.
-        k: number of the report.
+        k: index of the report.
         scan: the measurements.
-        sensors: where sensors stand and what hides things from them.
-        noise: their noise.
-        model: probabilities.
-        seen: (L,) positions that the sensor is assigned to.
-
-    Returns:
-        (L,) factors where no moving occluder hides the position, and the factor of one that a moving occluder hides.
+        sensors: positions, fields of view and walls of the sensors.
+        noise: errors of their measurements.
+        model: probabilities of detection, false alarms and clutter.
+        seen: (L,) positions that the sensor sees, apart from moving occluders.
     """
     # Every factor is scale N + offset, with one pair for assigned positions and one for the others.
     i = scan.sensor[k]
@@ -209,7 +210,7 @@ def factors(
 
 @kernel
 def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
-    """W: range of possible measurement values of report k of the scan [px or rad]."""
+    """Return the range W of possible measurement values of report k of the scan [px or rad]; it has a measurement."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
     return width
@@ -219,16 +220,16 @@ def image_width(k: int, scan: PackedScan, noise: MeasurementNoise) -> float:
 def log_likelihood(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> Floats:
-    """(L,) log-likelihoods of a scan for target positions (L, 2); -inf where it is impossible.
+    """Return (L,) log-likelihoods of a scan for target positions, without priors of moving occluders.
 
-    Without priors of moving occluders; with these see `log_likelihood_among`.
+    -inf where a position is impossible.
 
     Args:
         xy: (L, 2) positions.
         scan: the measurements.
-        sensors: where sensors stand and what hides things from them.
-        noise: their noise.
-        model: probabilities.
+        sensors: positions, fields of view and walls of the sensors.
+        noise: errors of their measurements.
+        model: probabilities of detection, false alarms and clutter.
         free: (L,) positions where a target can be; -inf elsewhere.
     """
     L = xy.shape[0]
@@ -245,9 +246,9 @@ def log_likelihood(
 
 @kernel
 def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
-    """Multiply products (L,) by factors (L,), in place; one logarithm then serves many factors.
+    """Multiply `product` (L,) by `factor` (L,) in place; logarithms are taken only where a product becomes extreme.
 
-    A product outside [1e-150, 1e150] is added as its logarithm to `total` (L,), and reset to 1.
+    A product outside [1e-150, 1e150] is added as its logarithm to `total` (L,), in place, and reset to 1.
     """
     for p in range(product.shape[0]):
         product[p] *= factor[p]
@@ -260,14 +261,16 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
 def likely_inliers(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel
 ) -> Bools:
-    """(n,) mask of reports with a measurement more probably the target's than false or another target's.
+    """Return (n,) booleans: the report has a measurement that is more probably the target's than false or another's.
+
+    False too for a report without a measurement, and for a sensor that cannot see the position.
 
     Args:
-        xy: (1, 2) where the target is thought to be.
+        xy: (1, 2) estimated position of the target.
         scan: n reports.
-        sensors: where sensors stand and what hides things from them.
-        noise: their noise.
-        model: probabilities; one without false reports gets a limit all the same, near 5 sigma.
+        sensors: positions, fields of view and walls of the sensors.
+        noise: errors of their measurements.
+        model: probabilities; without false alarms a limit near 5 sigma still applies.
     """
     out = np.zeros(scan.sensor.shape[0], dtype=np.bool_)
     for k in range(out.shape[0]):
@@ -285,15 +288,20 @@ def likely_inliers(
 
 
 class Occlusion(NamedTuple):
-    """Settings of the occlusion by moving occluders.
+    """Settings of the likelihood among moving occluders with priors: how the reports of several cameras are combined.
+
+    Let a_i be the factor of camera i if it sees the position, b_i that if an occluder hides it, P_i the probability
+    that none does. INDEPENDENT: prod_i (P_i a_i + (1 - P_i) b_i). RECURSION, EXACT: the sum over subsets Q of cameras
+    of p_Q prod_Q (a_i - b_i) prod_not-Q b_i, with p_Q the probability that none of Q is blocked, by [Ercan] Eq. 8 or
+    exact.
 
     Attributes:
         probability: INDEPENDENT, RECURSION or EXACT.
-        form: of q: PRINTED (Eq. 7), IMPROVED or QUADRATURE.
+        form: form of the probability that an occluder hides a position: PRINTED (Eq. 7), IMPROVED or QUADRATURE.
         floor: least probability that counts, 0 to 1.
-        far: standard deviations at which a normal prior counts as over.
-        temper: exponent of P_i and of 1 - P_i, INDEPENDENT only.  The errors of a prior last for many scans, in which
-            the same evidence would be counted again; with an exponent below 1 it counts as often as it is new.
+        far: standard deviations beyond which a normal prior counts as 0.
+        temper: exponent of P_i and of 1 - P_i, INDEPENDENT only. The errors of a prior last for many scans, in which
+            the same evidence would be counted again; an exponent below 1 counts it as often as it is new.
     """
 
     probability: int
@@ -316,19 +324,19 @@ def log_likelihood_among(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """(L,) log-likelihoods of a scan for target positions (L, 2), given priors of moving occluders.
+    """Return (L,) log-likelihoods of a scan for target positions, given priors of moving occluders.
 
-    -inf where it is impossible.
+    -inf where a position is impossible.
 
     Args:
         xy: (L, 2) positions.
         scan: the measurements.
-        sensors: where sensors stand and what hides things from them.
-        noise: their noise.
-        model: probabilities.
+        sensors: positions, fields of view and walls of the sensors.
+        noise: errors of their measurements.
+        model: probabilities of detection, false alarms and clutter.
         free: (L,) positions where a target can be; -inf elsewhere.
-        priors: of the moving occluders.
-        occlusion: how they count.
+        priors: position priors of the moving occluders.
+        occlusion: how the priors count.
     """
     # Separate kernels, so that only those that are used are compiled.
     if occlusion.probability == INDEPENDENT:
@@ -362,20 +370,19 @@ def _independent(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
-    """Log-likelihoods of a scan for target positions, with cameras taken as independent given the position.
+    """Return (L,) log-likelihoods of a scan for target positions, with cameras independent given the position.
+
+    -inf where a position is impossible. Occluders do not hide sounds from microphone arrays.
 
     Args:
         xy: (L, 2) positions.
         scan: the measurements.
-        sensors: where sensors stand and what hides things from them.
-        noise: their noise.
+        sensors: positions, fields of view and walls of the sensors.
+        noise: errors of their measurements.
         model: probabilities of detection and of false measurements.
         free: (L,) positions where a target can be; -inf elsewhere.
-        priors: of the moving occluders.
-        occlusion: how they count.
-
-    Returns:
-        (L,) logarithms; -inf where the scan is impossible.
+        priors: position priors of the moving occluders.
+        occlusion: how the priors count.
     """
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
@@ -404,20 +411,20 @@ def _independent(
 def _split_by_occlusion(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel, free: Bools
 ) -> tuple[Floats, Floats, Floats, Bools]:
-    """Split a scan of n reports into factors that moving occluders cannot change and those that they can.
+    """Split the likelihood of a scan of n reports into factors that moving occluders cannot change and others.
 
     Args:
         xy: (L, 2) positions.
         scan: the reports.
         sensors: all sensors.
-        noise: of their measurements.
-        model: detection and clutter.
+        noise: errors of their measurements.
+        model: probabilities of detection, false alarms and clutter.
         free: (L,) positions on the floor; the others have the log-likelihood -inf.
 
     Returns:
-        (L,) log-likelihoods of arrays, and of cameras that are not assigned to a position.
-        (n, L) a (factor of a camera that is not blocked) and (n,) b (of a blocked one) of all reports.
-        (n, L) mask: a report's camera is assigned to a position, so that its factor is not in the first.
+        (L,) log-likelihoods of arrays, and of cameras that cannot see a position anyway.
+        (n, L) factors a of each report for a camera that is not blocked, and (n,) factors b for a blocked one.
+        (n, L) booleans: the report's camera may see the position, so that its factor is not in the first.
     """
     n, L = scan.sensor.shape[0], xy.shape[0]
     total, product = np.zeros(L), np.ones(L)

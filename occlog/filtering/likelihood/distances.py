@@ -52,7 +52,11 @@ MAX_EXPONENT = 700.0
 
 
 class DistanceErrors(NamedTuple):
-    """Error model of m measurements; arrays (m,)."""
+    """Error model of m measurements of distances: Gaussian, late (or early) by a detour, or false; arrays (m,).
+
+    `bend`: residual [standard deviations] at which a value is as likely false as true. `late`, `early`: probabilities
+    of a delay on either side. `rate`: standard deviation over mean delay.
+    """
 
     bend: Floats  # k, > 0
     late: Floats  # chance of E(u), 0 to 1
@@ -61,16 +65,23 @@ class DistanceErrors(NamedTuple):
 
     @property
     def tailed(self) -> bool:
-        """Whether any signal may be non-line-of-sight."""
+        """Return whether any signal may have come by a detour (non-line-of-sight)."""
         return bool(self.late.any() or self.early.any())
 
     def widened(self, variance: Floats) -> DistanceErrors:
-        """Error model of residuals in units of the root of `variance` (..., m): noise (1) plus that of the position."""
+        """Return the error model of residuals that are divided by the root of `variance` (..., m).
+
+        The variance is that of the noise (1) plus that of an uncertain position.
+        """
         return self._replace(rate=self.rate * np.sqrt(variance))
 
 
 class ScoreAndInformation(NamedTuple):
-    """Score and information of measurements, as functions of their residuals."""
+    """Score and information of measurements by their residuals u, for iteratively reweighted least squares.
+
+    Arrays (..., m) of the shape of u. `slope` is the derivative of -log f by u, `weight` the curvature that counts,
+    `direct` the probability that a value is neither false nor came by a detour.
+    """
 
     slope: Floats  # derivative of -log f by u
     weight: Floats  # curvature that counts: 1 of a value without a detour, 0 to 1 of one that has it, 0 of a false one
@@ -78,7 +89,7 @@ class ScoreAndInformation(NamedTuple):
 
 
 def without_detours(bend: Floats) -> DistanceErrors:
-    """Errors of m measurements that are Gaussian or false, without detours.
+    """Return the error model of m measurements that are Gaussian or false, without detours.
 
     `bend` (m,) are the residuals, in standard deviations, at which a measurement is as likely false as true.
     """
@@ -87,12 +98,14 @@ def without_detours(bend: Floats) -> DistanceErrors:
 
 
 def log_density(u: Floats, errors: DistanceErrors, variance: Floats | float = 1.0) -> Floats:
-    """Log of sqrt(2 pi) f(u), (..., m).
+    """Return the logarithm (..., m) of sqrt(2 pi) f(u), with f the density of residuals u.
+
+    f is a mixture of a Gaussian, of late signals (exponentially modified Gaussian) and of a constant for false values.
 
     Args:
         u: (..., m) residuals in standard deviations.
-        errors: of the m measurements.
-        variance: (..., m) of the Gaussian part, in units of that of the noise, where the position is uncertain also.
+        errors: error model of the m measurements.
+        variance: (..., m) of the Gaussian part, in units of that of the noise; above 1 where the position is uncertain.
     """
     false = -0.5 * errors.bend**2
     gauss = -0.5 * u**2 / variance - 0.5 * np.log(variance)
@@ -103,9 +116,9 @@ def log_density(u: Floats, errors: DistanceErrors, variance: Floats | float = 1.
 
 
 def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
-    """(..., m) probability that measurements with residuals `u` (..., m) are neither false nor non-line-of-sight.
+    """Return (..., m) probabilities that measurements are neither false nor came by a detour.
 
-    Residuals are in standard deviations.
+    `u` (..., m) are residuals in standard deviations.
     """
     own = _log_direct(errors) - 0.5 * u**2
     others = np.broadcast_to(-0.5 * errors.bend**2, np.shape(own))
@@ -115,10 +128,10 @@ def inlier_probability(u: Floats, errors: DistanceErrors) -> Floats:
 
 
 def score_and_information(u: Floats, errors: DistanceErrors) -> ScoreAndInformation:
-    """Score (gradient) and information of residuals u (..., m), for iteratively reweighted least squares.
+    """Return score and information of residuals `u` (..., m) in standard deviations, and their inlier probability.
 
-    The information is the expected curvature over the components (direct, late, false), which is nonnegative; what is
-    lost because the component is unknown is neglected, as usual. Residuals are in standard deviations.
+    The score is the derivative of -log f. The information is the expected curvature over the components (direct, late,
+    false), which is nonnegative; what is lost because the component is unknown is neglected, as usual.
     """
     own = inlier_probability(u, errors)
     if not errors.tailed:
@@ -133,16 +146,17 @@ def score_and_information(u: Floats, errors: DistanceErrors) -> ScoreAndInformat
 
 
 def _log_direct(errors: DistanceErrors) -> Floats:
+    """Return (m,) logs of the probabilities that signals come without a detour."""
     return np.log1p(-np.minimum(errors.late + errors.early, 1.0 - 1e-12))
 
 
 def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple[Floats, Floats]:
-    """Log densities, times sqrt(2 pi), of the components of late and early signals; -inf if absent.
+    """Return log densities, times sqrt(2 pi), of the components of late and of early signals; -inf if absent.
 
     Args:
         u: (..., m) residuals in standard deviations.
         errors: shares and rate of both components.
-        variance: of the Gaussian part, in the squared unit of u.
+        variance: variance of the Gaussian part, in the squared unit of u.
     """
     with np.errstate(divide="ignore"):
         late, early = np.log(errors.late), np.log(errors.early)
@@ -150,7 +164,13 @@ def _tails(u: Floats, errors: DistanceErrors, variance: Floats | float) -> tuple
 
 
 def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
-    """Log of sqrt(2 pi) E(u), the density of a Gaussian of a variance plus an exponential of a rate."""
+    """Return the log of sqrt(2 pi) E(u), the density of a normal plus an exponential variable at u (..., m).
+
+    Args:
+        u: (..., m) residuals in standard deviations.
+        rate: (m,) rate of the exponential in this unit.
+        variance: variance of the normal variable, in the squared unit of u.
+    """
     root = np.sqrt(variance)
     return np.asarray(
         LOG_ROOT_2PI + np.log(rate) + 0.5 * rate**2 * variance - rate * u + log_ndtr(u / root - rate * root)
@@ -158,9 +178,10 @@ def _log_tail(u: Floats, rate: Floats, variance: Floats | float) -> Floats:
 
 
 def _tail_pull(u: Floats, rate: Floats) -> tuple[Floats, Floats]:
-    """First and second derivative of -log E by u: l - h and h (h + t), with t = u - l and h = N(t) / Phi(t).
+    """Return the first and second derivative of -log E(u) by u, the second limited to 0 to 1.
 
-    l is `rate`; u and rate are (..., m).
+    They are l - h and h (h + t), with t = u - l and h = N(t) / Phi(t), l the `rate` of the exponential; arrays (...,
+    m).
     """
     t = u - rate
     h = np.exp(-0.5 * t**2 - LOG_ROOT_2PI - log_ndtr(t))
@@ -174,7 +195,7 @@ NEAREST = 1e-9
 
 
 class RangeMeasurements(NamedTuple):
-    """m measurements of one target, at one time or at several."""
+    """m measurements of distances of one target (ranges, logarithms, differences, azimuths), with error parameters."""
 
     kind: Ints  # (m,) index of `MODELS`: RANGE, LOGARITHM, DIFFERENCE, ...
     value: Floats  # (m,) z
@@ -192,18 +213,21 @@ class RangeMeasurements(NamedTuple):
     )
 
     def take(self, rows: Bools | Ints | slice) -> RangeMeasurements:
-        """Select measurements by a mask or indices; the error parameters stay."""
+        """Return the measurements selected by a mask or indices; the error parameters stay."""
         own = (self.kind, self.value, self.sigma, self.position, self.rise2, self.other, self.other_rise2, self.station)
         return RangeMeasurements._make((*(column[rows] for column in own), *self[COLUMNS:]))
 
     @property
     def geometry(self) -> StationPositions:
-        """Positions of the stations of the measurements."""
+        """Return the positions of the stations of the measurements."""
         return StationPositions(self.position, self.rise2, self.other, self.other_rise2)
 
     @property
     def errors(self) -> DistanceErrors:
-        """Error model of the measurements: strengths cannot be late, and a difference may be too long or too short."""
+        """Return the error model of the m measurements, by their kinds.
+
+        Ranges may be late; strengths and azimuths cannot; a difference may be too long or too short.
+        """
         differs = self.kind == DIFFERENCE
         either = 0.5 * self.late * (2.0 - self.late)
         late = np.where(differs, either, np.where(DELAYED[self.kind], self.late, 0.0))
@@ -216,65 +240,68 @@ COLUMNS = 8
 
 
 class LinearisedDistances(NamedTuple):
-    """Residuals and gradients of m measurements at L positions, in standard deviations."""
+    """Residuals (L, m) and gradients (L, m, 2) of m measurements at L positions, in standard deviations."""
 
     residual: Floats  # (L, m) r
     gradient: Floats  # (L, m, 2) of m(x) / sigma
 
 
 def concat(parts: list[RangeMeasurements]) -> RangeMeasurements:
-    """Concatenate measurements; the error parameters are those of the last set."""
+    """Return several sets of measurements as one, in order; the error parameters are those of the last set."""
     columns = (np.concatenate(column) for column in zip(*(part[:COLUMNS] for part in parts), strict=True))
     return RangeMeasurements._make((*columns, *parts[-1][COLUMNS:]))
 
 
 def no_measurements(bend: float, late: float = 0.0, detour: float = math.nan) -> RangeMeasurements:
-    """Empty set of measurements.
+    """Return an empty set of measurements with given error parameters.
 
     Args:
         bend: residual, in standard deviations, beyond which a measurement is rather false.
         late: share of late (non-line-of-sight) signals.
-        detour: their mean detour; NaN without them.
+        detour: mean detour of late signals [length]; NaN: by default.
     """
     none, no_position, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
     return RangeMeasurements(whole, none, none, no_position, none, no_position, none, whole, bend, late, detour)
 
 
 def linearise(rows: RangeMeasurements, xy: Floats) -> LinearisedDistances:
-    """Residuals and gradients of m measurements `rows` at positions `xy` (L, 2), both in standard deviations."""
+    """Return residuals and gradients of m measurements `rows` at L positions `xy` (L, 2).
+
+    Both are in standard deviations of the measurements; gradients are those of the expected values.
+    """
     return LinearisedDistances(*_residual(rows, xy[:, None, :]))
 
 
 def residuals(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(L, m) residuals of m measurements, in standard deviations, at positions `xy` (L, 2)."""
+    """Return (L, m) residuals of m measurements `rows` at L positions `xy` (L, 2), in standard deviations."""
     return linearise(rows, xy).residual
 
 
 def log_likelihood(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(L,) log of the product over m measurements `rows` of f(r) / sigma at positions `xy` (L, 2)."""
+    """Return (L,) log-likelihoods of m measurements `rows` at positions `xy` (L, 2): log prod f(r) / sigma."""
     each = log_density(residuals(rows, xy), rows.errors) - LOG_ROOT_2PI - np.log(rows.sigma)
     return np.asarray(each.sum(axis=1))
 
 
 def residuals_at_own_position(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (m,) and gradients (m, 2) of m measurements, each at its own position of `xy` (m, 2).
+    """Return residuals (m,) and gradients (m, 2) of m measurements, each at its own position of `xy` (m, 2).
 
-    See `linearise`.
+    Both are in standard deviations.
     """
     return _residual(rows, xy)
 
 
 def information(rows: RangeMeasurements, xy: Floats) -> Floats:
-    """(m, 2, 2) Fisher information of m measurements, if inliers, each about its own true position in `xy` (m, 2)."""
+    """Return (m, 2, 2) Fisher information of m measurements about their own true positions `xy` (m, 2), if inliers."""
     gradient = residuals_at_own_position(rows, xy)[1]
     return np.asarray(gradient[:, :, None] * gradient[:, None, :])
 
 
 def _residual(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
-    """Residuals (..., m) and their gradients (..., m, 2), both in standard deviations, of m measurements `rows`.
+    """Return residuals (..., m) of m measurements and gradients (..., m, 2) of their expected values.
 
-    `xy` are positions (..., m, 2), one for each measurement, or (..., 1, 2), one for all. The gradient is that of the
-    expected value.
+    Both are in standard deviations. `xy` are positions (..., m, 2), one for each measurement, or (..., 1, 2), one for
+    all.
     """
     kinds = np.unique(rows.kind).tolist()
     if len(kinds) == 1:
@@ -296,26 +323,29 @@ def _residual(rows: RangeMeasurements, xy: Floats) -> tuple[Floats, Floats]:
 
 
 def _range(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
+    """Return distances (..., m) of positions from m stations, and their gradients (..., m, 2)."""
     return _distance(xy, at.position, at.rise2)
 
 
 def _logarithm(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
+    """Return natural logs (..., m) of the distances of positions from m stations, and their gradients (..., m, 2)."""
     far, slope = _distance(xy, at.position, at.rise2)
     return np.log(far), slope / far[..., None]
 
 
 def _difference(xy: Floats, at: StationPositions) -> tuple[Floats, Floats]:
+    """Return (..., m) distances from m stations minus those from their references, and gradients (..., m, 2)."""
     far, slope = _distance(xy, at.position, at.rise2)
     other, other_slope = _distance(xy, at.other, at.other_rise2)
     return far - other, slope - other_slope
 
 
 def _distance(xy: Floats, position: Floats, rise2: Floats) -> tuple[Floats, Floats]:
-    """Distances (..., m) of positions from m stations, and their gradients (..., m, 2).
+    """Return distances (..., m) of positions from m stations in space, and their gradients (..., m, 2) by the position.
 
     Args:
-        xy: (..., m or 1, 2) positions.
-        position: (m, 2) stations.
+        xy: (..., m or 1, 2) positions on the ground.
+        position: (m, 2) stations on the ground.
         rise2: (m,) squared differences of height.
     """
     away = xy - position

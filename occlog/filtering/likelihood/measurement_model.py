@@ -27,7 +27,7 @@ class MeasurementWorld(NamedTuple):
 
 
 class LinearisedRows(NamedTuple):
-    """R measurements of a scan (readings and bearings) in columns, prepared for linearisation."""
+    """R measurements of directions in a scan (pixels and bearings) in columns, prepared for linearisation."""
 
     sensor: Ints  # (R,)
     pixel: Bools  # (R,) true: z [px], false: a bearing [rad]
@@ -36,21 +36,21 @@ class LinearisedRows(NamedTuple):
     labelled: Bools  # (R,) false: a candidate, which may be of anything
 
     def take(self, which: Bools | Ints) -> LinearisedRows:
-        """Select rows by a mask or by indices `which`; the given ones are not changed."""
+        """Return the rows selected by a mask or by indices `which`; these are not changed."""
         return LinearisedRows._make(column[which] for column in self)
 
 
 def rows_of(packed: PackedScan) -> LinearisedRows:
-    """Convert the measurements of a scan."""
+    """Return the M measurements of a packed scan as rows for linearisation, in their order."""
     count = np.diff(packed.first)
     sensor, labelled = np.repeat(packed.sensor, count), np.repeat(packed.labelled, count)
     return LinearisedRows(sensor, packed.pixel, packed.value, packed.variance, labelled)
 
 
 def offsets(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R) offsets h across (left) and d along the axes of the rows' sensors, of positions xy (..., 2).
+    """Return (..., R) offsets h across (left) and d along the optical axes of the rows' sensors, [Ercan] Fig. 2.
 
-    [Ercan] Fig. 2.
+    `xy` (..., 2) are positions; h and d are lengths.
     """
     away = xy[..., None, :] - world.sensors.xy[rows.sensor]
     c, s = world.sensors.axis[rows.sensor].T
@@ -58,9 +58,15 @@ def offsets(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[
 
 
 def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Bools]:
-    """(L, R) noise-free measurements [px or rad] of positions `xy` (L, 2) by the sensors of R rows, and a mask (L, R).
+    """Return (L, R) noise-free measurements [px or rad] of positions by the sensors of R rows, and a mask (L, R).
 
-    The mask is of possible measurements: readings need d > 0.
+    The mask is of possible measurements: a pixel needs a position in front of the camera (d > 0); where it is false the
+    value has no meaning.
+
+    Args:
+        xy: (L, 2) positions.
+        rows: R rows; their values do not count.
+        world: positions, axes and focal lengths of the sensors.
     """
     h, d = offsets(xy, rows, world)
     ahead = ~rows.pixel | (d > np.maximum(MIN_DEPTH_RATIO * np.abs(h), MIN_DEPTH))
@@ -71,22 +77,27 @@ def measured(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple
 
 
 def azimuths(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(R,) azimuths of the rows' lines of sight in the world [rad]."""
+    """Return (R,) azimuths of the rows' lines of sight in the world [rad]."""
     yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
     f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
     return np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
 
 
 def residuals(expected: Floats, rows: LinearisedRows) -> Floats:
-    """(..., R) measured minus expected values; bearings are wrapped."""
+    """Return (..., R) measured minus `expected` values [px or rad]; those of bearings are wrapped to [-pi, pi)."""
     off = rows.value - expected
     return np.where(rows.pixel, off, wrap_angle(off))
 
 
 def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tuple[Floats, Floats]:
-    """(..., R, 2) derivatives of measurements by positions `xy` (..., 2), and their variances (..., R) ([Ercan] Eq. 2).
+    """Return (..., R, 2) derivatives of measurements by the position, and their variances (..., R), [Ercan] Eq. 2.
 
-    In px or rad, as the rows; readings need d > 0.
+    Both are in px or rad, as the rows. Pixels need positions in front of the camera.
+
+    Args:
+        xy: (..., 2) positions.
+        rows: R rows.
+        world: positions, axes and errors of the sensors.
     """
     h, d = offsets(xy, rows, world)
     c, s = world.sensors.axis[rows.sensor].T
@@ -107,7 +118,7 @@ def linearised(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> tup
 
 
 class Linearisation(NamedTuple):
-    """R measurements linearised at the position `at`."""
+    """R measurements of directions linearised at the position `at`: residuals, derivatives and variances."""
 
     at: Floats  # (2,)
     residual: Floats  # (R,) what was measured less what is expected there
@@ -116,25 +127,25 @@ class Linearisation(NamedTuple):
     R: Floats  # (R,) variances
 
     def take(self, which: Bools | Ints) -> Linearisation:
-        """Select measurements by a mask or indices; the position stays."""
+        """Return the measurements selected by a mask or indices; the position stays."""
         own = self.residual[which], self.ahead[which], self.H[which], self.R[which]
         return Linearisation(self.at, *own)
 
     def innovation(self, mean: Floats) -> Floats:
-        """(R,) measured values minus those expected for a state with mean (n,), position first."""
+        """Return (R,) measured values minus those expected for a state with `mean` (n,), position first."""
         return np.asarray(self.residual - self.H @ (mean[:2] - self.at))
 
 
 def linearise(at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Linearisation:
-    """Linearise the measurements of R rows at the position `at` (2,)."""
+    """Return the measurements of R rows linearised at the position `at` (2,), with the errors and poses of `world`."""
     expected, ahead = measured(at[None], rows, world)
     return Linearisation(at, residuals(expected[0], rows), ahead[0], *linearised(at, rows, world))
 
 
 def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
-    """(L, R) mask of positions `xy` (L, 2) that the rows' sensors can see.
+    """Return (L, R) booleans: the sensors of R rows can see positions `xy` (L, 2).
 
-    They are on the floor, in view, and not behind walls or occluders.
+    The positions are on the floor, in field of view and range, and not behind walls or static occluders.
     """
     xy = np.ascontiguousarray(xy)
     free = on_floor(xy, world.floor.room, world.floor.walls, world.floor.starts)
@@ -143,7 +154,10 @@ def visible(xy: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Bools:
 
 
 class StationPositions(NamedTuple):
-    """Positions of the stations of m measurements."""
+    """Positions of the stations of m measurements of distances, and of their reference stations, on the ground.
+
+    `rise2` and `other_rise2` are the squares of their heights over the target.
+    """
 
     position: Floats  # (m, 2) of the station, p
     rise2: Floats  # (m,) square of its height over the target

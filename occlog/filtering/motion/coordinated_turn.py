@@ -21,33 +21,32 @@ from occlog.core.numerics.jit import kernel
 
 
 def three_models(alpha: float) -> Floats:
-    """(3, 3) models of [Lee] Sec. 3.3.1: constant velocity, clockwise and anticlockwise turn.
+    """Return (3, 3) motion models of [Lee] Sec. 3.3.1: constant velocity, clockwise and counter-clockwise turn.
 
-    Args:
-        alpha: lateral acceleration of the turns [length/s^2], >= 0.
+    A row is (lateral acceleration, acceleration along x, along y) [length/s^2]. `alpha` >= 0 is the lateral
+    acceleration of the turns.
     """
     return np.array([[0.0, 0.0, 0.0], [-alpha, 0.0, 0.0], [alpha, 0.0, 0.0]])
 
 
 def acceleration_root(density: float, dt: float) -> Floats:
-    """(2, 2) lower Cholesky factor of the white acceleration noise of a step, for one axis.
+    """Return the (2, 2) lower Cholesky factor of the white acceleration noise of a step, for one axis.
+
+    It is B with B B^T = density [[dt^3/3, dt^2/2], [dt^2/2, dt]], for position and velocity.
 
     Args:
         density: variance of the velocity accumulated over 1 s [length^2/s^3], >= 0.
         dt: length of the step [s], >= 0.
-
-    Returns:
-        B with B B^T = density [[dt^3/3, dt^2/2], [dt^2/2, dt]].
     """
     s = math.sqrt(density * dt)
     return np.array([[s * dt / math.sqrt(3.0), 0.0], [s * math.sqrt(0.75), 0.5 * s]])
 
 
 def turn_matrix(rate: float, dt: float) -> Floats:
-    """(4, 4) transition of a turn at a known rate: [Lee] Eq. 2.13 with its rows in order.
+    """Return the (4, 4) transition matrix of [x, vx, y, vy] for a turn at a known rate, [Lee] Eq. 2.13 corrected.
 
     Args:
-        rate: rate of turning [rad/s], counter-clockwise positive; 0 gives Eq. 2.12.
+        rate: rate of turning [rad/s], counter-clockwise positive; 0 is constant velocity (Eq. 2.12).
         dt: length of the step [s].
     """
     along, aside, cosine, sine = _turned(rate * dt)
@@ -59,7 +58,7 @@ def turn_matrix(rate: float, dt: float) -> Floats:
 
 @kernel
 def _turned(angle: float) -> tuple[float, float, float, float]:
-    """sin(a)/a, (1 - cos(a))/a, cos(a) and sin(a), by the half angle to avoid cancellation."""
+    """Return sin(a)/a, (1 - cos(a))/a, cos(a) and sin(a) of an angle a [rad], without cancellation."""
     if abs(angle) < 1e-8:  # the next terms are below the last digit; half of the least number would be 0
         return 1.0, 0.5 * angle, 1.0, angle
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
@@ -69,19 +68,15 @@ def _turned(angle: float) -> tuple[float, float, float, float]:
 
 @kernel
 def move(states: Floats, model: Floats, dt: float, root: Floats, normals: Floats) -> Floats:
-    """States after one step under one model; [Lee] Eq. 3.3.
+    """Return (L, 4) states after one step under one motion model, [Lee] Eq. 3.3.
 
     Args:
         states: (L, 4) rows [x, vx, y, vy].
-        model: (3,) lateral acceleration and acceleration along x and y [length/s^2].  The turn
-            rate is that of the speed at the start, so that with both kinds at once the
-            result is no longer exact in dt.
+        model: (3,) lateral acceleration and acceleration along x and y [length/s^2]. The turn rate is that of the speed
+            at the start, so that with both kinds at once the result is not exact in dt.
         dt: length of the step [s].
         root: (2, 2) root B of the noise of one axis; position and velocity get B n.
         normals: (L, 4) standard normal draws, in the order of the state.
-
-    Returns:
-        (L, 4) new states.
     """
     moved = np.empty_like(states)
     lateral, ax, ay = model[0], model[1], model[2]
@@ -104,9 +99,14 @@ def move(states: Floats, model: Floats, dt: float, root: Floats, normals: Floats
 
 @kernel
 def move_under_all(states: Floats, models: Floats, dt: float, root: Floats, normals: Floats) -> Floats:
-    """(J, L, 4) states after one step of `dt` seconds from `states` (L, 4) under each of the models (J, 3).
+    """Return (J, L, 4) states after one step from L states under each of J motion models.
 
-    See `move`; `normals` is (J, L, 4), and `root` is common to all models, as in the thesis.
+    Args:
+        states: (L, 4) rows [x, vx, y, vy].
+        models: (J, 3) lateral acceleration and acceleration along x and y [length/s^2] of each model.
+        dt: length of the step [s].
+        root: (2, 2) root of the noise of one axis, common to all models.
+        normals: (J, L, 4) standard normal draws.
     """
     moved = np.empty((models.shape[0], states.shape[0], 4))
     for m in range(models.shape[0]):

@@ -23,7 +23,7 @@ SMALL = 1e-2
 
 
 class OrnsteinUhlenbeck(NamedTuple):
-    """Parameters of the motion in the plane; the state is x, y, vx, vy."""
+    """Motion model in the plane with an exponentially correlated velocity; the state is x, y, vx, vy."""
 
     speed: float  # usual speed [length/s], > 0
     turn_s: float  # tau, mean time between changes of direction [s], > 0
@@ -31,11 +31,11 @@ class OrnsteinUhlenbeck(NamedTuple):
 
     @property
     def velocity_variance(self) -> float:
-        """V: velocity variance per axis of a target before its first measurement."""
+        """Return the stationary variance of the velocity per axis, speed^2 / 2."""
         return 0.5 * self.speed**2
 
     def transition(self, dt: float) -> tuple[Floats, Floats]:
-        """(4, 4) matrices F and Q of the motion over a time dt >= 0 [s]."""
+        """Return the (4, 4) transition matrix F and process-noise covariance Q over a time dt >= 0 [s]."""
         tau, V = self.turn_s, self.velocity_variance
         u = dt / tau
         e, lost = math.exp(-u), -math.expm1(-u)

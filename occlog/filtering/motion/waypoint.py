@@ -63,7 +63,10 @@ MIN_STEP_VARIANCE = 1e-18
 
 
 class WaypointParticles(NamedTuple):
-    """States of L particles of the waypoint model."""
+    """States of L particles of the waypoint model: positions, destinations, speeds [length/s] and regimes.
+
+    A regime is `TOWARDS`, `CHANGE` or `WAIT`. The destination of a particle that stands is where it creeps in 10 s.
+    """
 
     xy: Floats  # (L, 2) positions
     destination: Floats  # (L, 2)
@@ -72,7 +75,7 @@ class WaypointParticles(NamedTuple):
 
 
 class WaypointModel(NamedTuple):
-    """Parameters of the model; the probabilities are those of a reference step."""
+    """Parameters of the waypoint model ([Ercan] Sec. 4.1); probabilities are those of one reference step."""
 
     reference_s: float  # T, the reference step
     sigma: float  # noise per axis accumulated over 1 s
@@ -90,9 +93,9 @@ class WaypointModel(NamedTuple):
 
 @kernel
 def reached(particles: WaypointParticles, motion: WaypointModel, floor: Floor) -> Bools:
-    """(L,) mask of particles that decide as if they had reached their destination.
+    """Return (L,) booleans: the particle decides as if it had reached its destination.
 
-    It is within the way of `motion.reference_s`, or a step that long towards it would leave the floor.
+    Its destination is nearer than one reference step at its speed, or such a step towards it would leave the floor.
     """
     L = particles.speed.shape[0]
     out, ahead = np.empty(L, dtype=np.bool_), np.empty((L, 2))
@@ -108,13 +111,13 @@ def reached(particles: WaypointParticles, motion: WaypointModel, floor: Floor) -
 
 @kernel
 def expected_xy(particles: WaypointParticles, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
-    """(L, 2) expected positions after the step, x + beta s e(tau) dt (kappa of [Ercan] Alg. 1).
+    """Return (L, 2) expected positions after a step, x + beta s e(tau) dt (kappa of [Ercan] Alg. 1).
 
     A new destination is in no direction on average; the filter is correct for any kappa.
 
     Args:
         particles: L states.
-        arrived: (L,) from `reached`.
+        arrived: (L,) whether a particle has reached its destination, from `reached`.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
     """
@@ -134,11 +137,11 @@ def expected_xy(particles: WaypointParticles, arrived: Bools, dt: float, motion:
 
 @kernel
 def choose_regimes(particles: WaypointParticles, arrived: Bools, dt: float, motion: WaypointModel, u: Floats) -> Ints:
-    """Sample the regimes (L,) of the particles in a step.
+    """Draw the regimes (L,) of the particles in a step: `TOWARDS`, `CHANGE` or `WAIT`.
 
     Args:
         particles: L states.
-        arrived: (L,) from `reached`.
+        arrived: (L,) whether a particle has reached its destination, from `reached`.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
         u: (L,) uniform in [0, 1).
@@ -164,10 +167,11 @@ def choose_regimes(particles: WaypointParticles, arrived: Bools, dt: float, moti
 
 @kernel
 def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
-    """Process noise of a step: position variance per axis, gain of the velocity, and its conditional variance.
+    """Return the process noise of a moving particle in a step: position variance, velocity gain, conditional variance.
 
-    Velocity noise is white acceleration: given the position x', the velocity is c + gain (x' - x - c dt), with c the
-    previous velocity, plus the conditional variance per axis. Without it the gain is that of the speed in Eq. 5.
+    Given the position x', the velocity is c + gain (x' - x - c dt) plus noise of the conditional variance, with c the
+    velocity before; variances are per axis. Without velocity noise the gain [1/s] is that of the speed in [Ercan] Eq.
+    5.
 
     Args:
         dt: length of the step [s].
@@ -183,21 +187,22 @@ def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
 
 @kernel
 def stands(regime: int, motion: WaypointModel) -> bool:
-    """Whether particles of a regime creep (move with their own velocity while standing)."""
+    """Return whether a particle of the regime stands, that is, creeps with a velocity of its own (`wait_s` above 0)."""
     return regime == WAIT and motion.wait_s > 0.0
 
 
 @kernel
 def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float]:
-    """Process noise of a waiting particle in a step: position variance, velocity gain, conditional velocity variance.
+    """Return the process noise of a waiting particle in a step: position variance, velocity gain, conditional variance.
 
-    Defined as in `gather`. A particle that has just stopped creeps with a velocity of N(0, sigma_creep^2 s) per axis;
-    the velocity of one that stood in the step before, too, has white noise.
+    Given the position x', the velocity is c + gain (x' - x - c dt) plus noise of the conditional variance, with c the
+    velocity before. A particle that has just stopped creeps with a velocity of N(0, sigma_creep^2 s) per axis; the
+    velocity of one that stood in the step before, too, has white noise.
 
     Args:
         dt: length of the step [s].
         motion: parameters.
-        stood: the target stood in the step before, too.
+        stood: the particle stood in the step before, too.
     """
     q = motion.sigma_creep * motion.sigma_creep
     variance = motion.sigma_waiting * motion.sigma_waiting * dt + (q * dt**3 / 3.0 if stood else q * dt * dt)
@@ -209,11 +214,11 @@ def waiting_noise(dt: float, motion: WaypointModel, stood: bool) -> tuple[float,
 
 @kernel
 def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
-    """(L, 3) probabilities of the regimes in a step, in the order of their numbers.
+    """Return (L, 3) probabilities of the regimes `TOWARDS`, `CHANGE` and `WAIT` in a step.
 
     Args:
-        regime: (L,) those of the step before.
-        arrived: (L,) from `reached`.
+        regime: (L,) regimes of the step before.
+        arrived: (L,) whether a particle has reached its destination, from `reached`.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
     """
@@ -235,17 +240,16 @@ def regime_probabilities(regime: Ints, arrived: Bools, dt: float, motion: Waypoi
 def held_step(
     particles: WaypointParticles, i: int, share: float, dt: float, motion: WaypointModel
 ) -> tuple[float, float]:
-    """Displacement x, y of a particle in the part of a step before it changes its destination.
+    """Return the displacement (dx, dy) of a particle in the part of a step before it changes its destination.
+
+    It is (0, 0) for a particle that waits without creeping.
 
     Args:
         particles: states.
-        i: the particle.
-        share: of the step, 0 to 1, before the change.
-        dt: the step [s].
+        i: index of the particle.
+        share: part of the step before the change, 0 to 1.
+        dt: length of the step [s].
         motion: parameters of the model.
-
-    Returns:
-        dx, dy; 0, 0 for one that waits as in the paper (without creeping).
     """
     dx = particles.destination[i, 0] - particles.xy[i, 0]
     dy = particles.destination[i, 1] - particles.xy[i, 1]
@@ -267,13 +271,13 @@ def hypotheses(
     dt: float,
     motion: WaypointModel,
 ) -> tuple[Floats, Floats, Floats]:
-    """Hypotheses for each particle in a step: continue (MTD), change its destination (CD), wait (W).
+    """Return the hypotheses of each particle in a step: continue (MTD), change its destination (CD), wait (W).
 
     Args:
         particles: L states.
-        arrived: (L,) from `reached`.
+        arrived: (L,) whether a particle has reached its destination, from `reached`.
         destinations: (L, 2) the destination of each if it changes it.
-        before: (L,) share of the step that is over when it does.
+        before: (L,) part of the step before the change, 0 to 1.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
 
@@ -321,14 +325,14 @@ def move(
     dt: float,
     motion: WaypointModel,
 ) -> WaypointParticles:
-    """Move the particles by a step, [Ercan] Eq. 5.
+    """Return the particles after a step drawn from the motion model, [Ercan] Eq. 5.
 
     Args:
-        particles: L states.
-        regime: (L,) from `choose_regimes`.
-        destinations: (K, 2) new destinations, K the number of particles that change theirs, in their order.
-        before: (K,) share of the step that is over when they do.
-        noise: (L, 4) standard normal: of the position, and of the velocity given the position.
+        particles: L states before the step.
+        regime: (L,) regime of each in the step, from `choose_regimes`.
+        destinations: (K, 2) new destinations of the K particles that change theirs, in their order.
+        before: (K,) part of the step before the change, 0 to 1.
+        noise: (L, 4) standard normal: of the position (2), and of the velocity given the position (2).
         dt: length of the step [s], up to the reference step.
         motion: parameters.
     """
@@ -375,14 +379,14 @@ def arrive(
     dt: float,
     motion: WaypointModel,
 ) -> WaypointParticles:
-    """Update destinations and speeds of particles that have moved to given positions in a step.
+    """Return particles with destinations and speeds updated, after they have moved to given positions in a step.
 
     Args:
         particles: L states before the step.
-        regime: (L,) what each did.
-        destinations: (L, 2) new destinations of those that change theirs.
-        mean: (L, 2) where each was expected.
-        xy: (L, 2) where each is.
+        regime: (L,) regime of each in the step.
+        destinations: (L, 2) new destinations of those that change theirs; other rows are not used.
+        mean: (L, 2) expected positions after the step.
+        xy: (L, 2) positions after the step.
         noise: (L, 2) standard normal, of the velocity given the position.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
@@ -424,9 +428,10 @@ def arrive(
 
 @kernel
 def headings(particles: WaypointParticles, motion: WaypointModel) -> Floats:
-    """(L, 5) position, velocity towards the destination (x, y), and speed, also of waiting particles.
+    """Return (L, 5) position x and y, velocity towards the destination x and y, and speed of the particles.
 
-    For a standing particle, columns 2 and 3 are its creeping velocity.
+    Waiting particles have the velocity with which they would go on; for a standing particle it is its creeping
+    velocity.
     """
     out = np.zeros((particles.speed.shape[0], 5))
     for i in range(out.shape[0]):
@@ -443,7 +448,7 @@ def headings(particles: WaypointParticles, motion: WaypointModel) -> Floats:
 
 @kernel
 def velocities(particles: WaypointParticles) -> Floats:
-    """(L, 2) velocities towards the destination; 0 for waiting particles."""
+    """Return (L, 2) velocities of the particles towards their destinations; 0 for waiting particles."""
     out = np.zeros_like(particles.xy)
     for i in range(out.shape[0]):
         dx = particles.destination[i, 0] - particles.xy[i, 0]
@@ -458,14 +463,14 @@ def velocities(particles: WaypointParticles) -> Floats:
 def start_particles(
     xy: Floats, floor: Floor, speed: float, speed_spread: float, rng: np.random.Generator
 ) -> WaypointParticles:
-    """Create particles with random destinations and speeds, all in the regime `TOWARDS`.
+    """Return particles at given positions with random destinations and speeds, all in the regime `TOWARDS`.
 
     Args:
         xy: (L, 2) positions.
-        floor: on which destinations are uniformly distributed.
-        speed: mean of the normal distribution of which speeds are absolute values [length/s].
-        speed_spread: its standard deviation [length/s].
-        rng: generator that is used.
+        floor: floor over which destinations are uniformly distributed.
+        speed: mean of a normal distribution; speeds are absolute values of draws from it [length/s].
+        speed_spread: standard deviation of the speed [length/s].
+        rng: generator of the random numbers drawn.
     """
     speeds = np.abs(speed + speed_spread * rng.standard_normal(len(xy)))
     return WaypointParticles(xy, sample_floor(len(xy), floor, rng), speeds, np.zeros(len(xy), dtype=np.int64))

@@ -27,7 +27,7 @@ from .coordinated_turn import _turned, acceleration_root
 
 
 class AccelerationModel(NamedTuple):
-    """Motion parameters of a target on d axes."""
+    """Motion model of a target on d axes: known acceleration, white acceleration noise, known coordinated turn."""
 
     acceleration: Floats  # (d,) known [length/s^2]
     density: Floats  # (d,) of the white acceleration of each axis [length^2/s^3]
@@ -36,26 +36,29 @@ class AccelerationModel(NamedTuple):
 
 
 def known_jump(acceleration: Floats, dt: float) -> Floats:
-    """(2d,) displacement and velocity change by a known acceleration during dt."""
+    """Return (2d,) displacement and velocity change by a known `acceleration` (d,) during `dt` [s]."""
     return np.concatenate([0.5 * dt * dt * acceleration, dt * acceleration])
 
 
 def motion_noise(motion: AccelerationModel, dt: float) -> Floats:
-    """(d, 2, 2) lower Cholesky factors of the process noise of position and velocity in `dt` seconds, for each axis."""
+    """Return (d, 2, 2) lower Cholesky factors of the process noise in `dt` [s], one for each of d axes.
+
+    A factor is that of position and velocity of the axis.
+    """
     return np.sqrt(motion.density)[:, None, None] * acceleration_root(1.0, dt)
 
 
 def moved(
     cloud: Floats, motion: AccelerationModel, dt: float, rng: np.random.Generator, jump: Floats | None = None
 ) -> Floats:
-    """Predict particles by dt >= 0 seconds, with noise; the result is a new array.
+    """Return particles predicted by dt >= 0 seconds, with noise; a new array (2d, L).
 
     Args:
-        cloud: (2d, L).
-        motion: see `AccelerationModel`.
-        dt: [s].
+        cloud: (2d, L) particles: d coordinates, then d velocities.
+        motion: motion model on d axes.
+        dt: time [s].
         rng: draws the noise; nothing is drawn where the density is 0 on all axes.
-        jump: (2d,) known change in addition; see `known_jump`.
+        jump: (2d,) known change of the state in addition; None: none.
     """
     d = len(cloud) // 2
     known = known_jump(motion.acceleration, dt) + (0.0 if jump is None else jump)
@@ -68,7 +71,7 @@ def moved(
 
 
 def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
-    """(2d, L) states dt >= 0 seconds before those in `cloud` (2d, L), without noise.
+    """Return (2d, L) states dt >= 0 seconds before those in `cloud` (2d, L), without noise.
 
     The inverse of `moved` with noise density 0: exact for a known acceleration or a turn; with both at once it is right
     to first order in dt.
@@ -81,7 +84,7 @@ def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
 
 
 def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
-    """(rows, H) standard normal draws for L = `particles`, H = ceil(L / 2): antithetic variates.
+    """Return (rows, H) standard normal draws for L particles, H = ceil(L / 2), to be used as antithetic variates.
 
     Particle l < H takes draw l, particle H + l its negative; each particle has the right distribution. The mean of the
     noise is exactly 0 if L is even; otherwise one draw has no opposite.
@@ -91,14 +94,14 @@ def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
 
 @array_kernel
 def drift(cloud: Floats, dt: float, jump: Floats, root: Floats, normals: Floats) -> Floats:
-    """(2d, L) states after a step of constant velocity, known change and noise.
+    """Return (2d, L) states after a step of constant velocity, known change and noise.
 
     Args:
-        cloud: (2d, L).
-        dt: [s].
-        jump: (2d,) added to all.
-        root: (d, 2, 2) of `motion_noise`.
-        normals: (2d, H) of `half_normals`, or (2d, 0) for no noise.
+        cloud: (2d, L) particles: d coordinates, then d velocities.
+        dt: time [s].
+        jump: (2d,) known change, added to all.
+        root: (d, 2, 2) factors from `motion_noise`.
+        normals: (2d, H) draws from `half_normals`, or (2d, 0) for no noise.
     """
     d, L, H = cloud.shape[0] // 2, cloud.shape[1], normals.shape[1]
     out = np.empty_like(cloud)
@@ -123,12 +126,12 @@ def drift(cloud: Floats, dt: float, jump: Floats, root: Floats, normals: Floats)
 
 @kernel
 def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float) -> None:
-    """Add to `out` what a coordinated turn (Eq. 2.14) changes relative to constant velocity, on the axes i and j.
+    """Add to `out`, in place, what a coordinated turn ([Lee] Eq. 2.14) changes relative to constant velocity.
 
     Args:
-        out: (2d, L) states after the step, in place.
+        out: (2d, L) states after the step; changed in place.
         before: (2d, L) states before it, d positions and d velocities.
-        lateral: acceleration across the velocity, > 0 from axis i towards axis j.
+        lateral: acceleration across the velocity [length/s^2], > 0 from axis i towards axis j.
         i: first axis of the plane of the turn.
         j: second axis.
         dt: time [s].
@@ -146,11 +149,11 @@ def _turn(out: Floats, before: Floats, lateral: float, i: int, j: int, dt: float
 
 
 def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
-    """(4,) change of (a, b, va, vb) by a turn with known velocity (2,), in addition to that of constant velocity.
+    """Return (4,) the change of (a, b, va, vb) by a turn, relative to constant velocity.
 
     Args:
-        velocity: (va, vb) before the turn.
-        lateral: acceleration across the velocity, > 0: from a towards b.
+        velocity: (2,) va, vb before the turn.
+        lateral: acceleration across the velocity [length/s^2], > 0: from a towards b.
         dt: time [s].
     """
     out, before = np.zeros((4, 1)), np.concatenate([np.zeros(2), velocity])[:, None]
@@ -159,7 +162,7 @@ def turn_jump(velocity: Floats, lateral: float, dt: float) -> Floats:
 
 
 class Walkers(NamedTuple):
-    """M objects; the covariance is in (2, 2) blocks over both axes."""
+    """Kalman filters of M objects: positions and velocities in the plane, with covariances in (2, 2) blocks."""
 
     xy: Floats  # (M, 2)
     velocity: Floats  # (M, 2) per unit of time
@@ -169,12 +172,12 @@ class Walkers(NamedTuple):
 
 
 def initiate(xy: Floats, noise: Floats, speed: float) -> Walkers:
-    """Initiate objects at their first measurement, with unknown velocity.
+    """Return objects at their first measured positions, with velocity 0 and the standard deviation `speed`.
 
     Args:
         xy: (M, 2) measured positions.
         noise: (M, 2, 2) covariances of the measurements.
-        speed: standard deviation of the velocity, per axis.
+        speed: standard deviation of the velocity per axis.
     """
     M = len(xy)
     unknown = np.broadcast_to(speed**2 * np.eye(2), (M, 2, 2)).copy()
@@ -182,12 +185,14 @@ def initiate(xy: Floats, noise: Floats, speed: float) -> Walkers:
 
 
 def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
-    """Predict the objects: P' = F P F^T + Q in blocks of position and velocity.
+    """Return the objects a time dt later: P' = F P F^T + Q in blocks of position and velocity.
+
+    Per axis Q = q^2 [dt^3/4 dt^2/2; dt^2/2 dt]: an acceleration that is constant during dt, with variance q^2 / dt.
 
     Args:
         walkers: M objects.
-        dt: (M,) or one time, >= 0.
-        q: standard deviation of the change of velocity per axis in a unit of time, >= 0 (Q: see the module).
+        dt: (M,) times or one time, >= 0.
+        q: standard deviation of the change of velocity per axis in a unit of time, >= 0.
     """
     t = np.broadcast_to(np.asarray(dt, dtype=np.float64), (len(walkers.xy),))[:, None, None]
     q2 = q**2 * np.eye(2)
@@ -202,7 +207,7 @@ def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
 
 
 def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
-    """Update the objects by position measurements.
+    """Return the objects after position measurements (Kalman update).
 
     Covariances are computed as products that stay positive semidefinite.
 
@@ -227,10 +232,10 @@ def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
 
 
 def select(walkers: Walkers, rows: object) -> Walkers:
-    """Select rows of `walkers` by a mask or by indices `rows`; the given ones are not changed."""
+    """Return the objects selected by a mask or by indices `rows`; these are not changed."""
     return Walkers(*(column[rows] for column in walkers))  # type: ignore[call-overload]
 
 
 def concat(first: Walkers, second: Walkers) -> Walkers:
-    """Concatenate the objects of `first` and `second`, in this order."""
+    """Return the objects of `first` and `second` as one set, in this order."""
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))

@@ -54,7 +54,7 @@ EXCHANGED, JUMPED = 0.0, 1.0
 
 
 class LabelledRows(NamedTuple):
-    """N labelled bearings, sorted by time."""
+    """N labelled bearings, sorted by time, with the indices of their sensors and labels."""
 
     seconds: Floats  # (N,)
     sensor: Ints  # (N,)
@@ -64,7 +64,7 @@ class LabelledRows(NamedTuple):
 
 
 class WalkingSpeed(NamedTuple):
-    """Motion parameters of targets, an Ornstein-Uhlenbeck velocity."""
+    """Motion model of targets: an Ornstein-Uhlenbeck velocity, and white noise of the position."""
 
     variance: float  # of the velocity per axis
     rate: float  # 1 / time constant [1/s]
@@ -72,7 +72,10 @@ class WalkingSpeed(NamedTuple):
 
 
 class ContinuityState(NamedTuple):
-    """Filters of K labels, identities of their labels by S sensors, and evidence for exchanges."""
+    """Filters of K identities, the identity of each label in each of S sensors, and the evidence for exchanges.
+
+    A filter has a Gaussian of (x, y, vx, vy); a rival is a second one, from the bearings since the first contradiction.
+    """
 
     mean: Floats  # (K, 4)
     covariance: Floats  # (K, 4, 4)
@@ -98,7 +101,7 @@ class ContinuityState(NamedTuple):
 
 
 class SensorPositions(NamedTuple):
-    """Positions of S sensors."""
+    """Ground positions of S sensors, with the variance of their errors per axis."""
 
     x: Floats  # (S,)
     y: Floats  # (S,)
@@ -109,17 +112,17 @@ class SensorPositions(NamedTuple):
 def _innovation(
     mean: Floats, covariance: Floats, sensors: SensorPositions, s: int, azimuth: float, variance: float
 ) -> tuple[float, float, float, float, float]:
-    """Innovation of an azimuth [rad], its variance, the variance of the measurement, and the gradient by x and y.
+    """Return the innovation of an azimuth [rad], its variance, the measurement's variance, and the gradient by x, y.
 
     The measurement's variance includes that of the sensor's position.
 
     Args:
-        mean: (4,) x, y, vx, vy.
-        covariance: (4, 4).
-        sensors: positions.
+        mean: (4,) x, y, vx, vy; only the position counts.
+        covariance: (4, 4) covariance of the state; only that of the position counts.
+        sensors: positions of the sensors.
         s: index of the sensor.
-        azimuth: measured [rad].
-        variance: of the azimuth [rad^2].
+        azimuth: measured azimuth [rad].
+        variance: variance of the azimuth [rad^2].
     """
     dx, dy = mean[0] - sensors.x[s], mean[1] - sensors.y[s]
     r2 = max(dx * dx + dy * dy, 1e-12)
@@ -132,14 +135,17 @@ def _innovation(
 
 @kernel
 def _log_density(off: float, spread: float) -> float:
-    """Log density of an innovation `off` [rad] with the variance `spread` [rad^2], with a share of false bearings."""
+    """Return the log density of an innovation `off` [rad] with variance `spread` [rad^2], allowing false bearings.
+
+    A share `FALSE_PROBABILITY` of bearings is false and uniform over the circle.
+    """
     inside = math.exp(-0.5 * off * off / spread) / math.sqrt(2.0 * math.pi * spread)
     return math.log((1.0 - FALSE_PROBABILITY) * inside + FALSE_PROBABILITY / (2.0 * math.pi))
 
 
 @kernel
 def _predict(mean: Floats, covariance: Floats, dt: float, scale: float, walk: WalkingSpeed) -> None:
-    """Predict a filter by dt [s], in place: mean (4,) and covariance (4, 4) of x, y, vx, vy.
+    """Predict a filter by `dt` [s], in place: `mean` (4,) and `covariance` (4, 4) of x, y, vx, vy.
 
     `scale` multiplies the velocity variance of `walk`.
     """
@@ -176,16 +182,16 @@ def _meet(
 ) -> bool:
     """Initiate a filter, in place, at the intersection of the last bearings of at least two sensors.
 
-    False, with the filter unchanged, if they do not intersect.
+    Return False, with the filter unchanged, if there are fewer or they do not intersect well.
 
     Args:
-        recent: (S, 3) last bearing of each sensor: time [s], azimuth, variance.
+        recent: (S, 3) last bearing of each sensor: time [s], azimuth [rad], variance [rad^2].
         since: earlier bearings do not count [s].
-        now: time [s].
-        variance: of a velocity component.
-        sensors: their positions.
-        mean: (4,) x, y, vx, vy, filled.
-        covariance: (4, 4), filled.
+        now: time of the filter [s].
+        variance: variance of a velocity component.
+        sensors: positions of the sensors.
+        mean: (4,) x, y, vx, vy; set in place.
+        covariance: (4, 4); set in place.
     """
     S = len(sensors.x)
     use = np.empty(S, dtype=np.int64)
@@ -240,14 +246,14 @@ def _meet(
 
 @kernel
 def _update(mean: Floats, covariance: Floats, r: int, rows: LabelledRows, sensors: SensorPositions) -> None:
-    """Update a filter by the bearing of row r, in place (Joseph form).
+    """Update a filter by the bearing of row r, in place (Kalman update in Joseph form).
 
     Args:
-        mean: (4,) x, y, vx, vy.
-        covariance: (4, 4).
+        mean: (4,) x, y, vx, vy; changed in place.
+        covariance: (4, 4); changed in place.
         r: row of the bearing, which is inside the gate.
         rows: all bearings.
-        sensors: their positions.
+        sensors: positions of the sensors.
     """
     off, spread, noise, gx, gy = _innovation(
         mean, covariance, sensors, rows.sensor[r], rows.azimuth[r], rows.variance[r]
@@ -264,10 +270,17 @@ def _update(mean: Floats, covariance: Floats, r: int, rows: LabelledRows, sensor
 
 @kernel
 def _compare(first: int, last: int, rows: LabelledRows, sensors: SensorPositions, state: ContinuityState) -> bool:
-    """Add the bearings of one time step to the evidence for exchanges in `state`; return whether any exchange is open.
+    """Add the bearings of one time step to the evidence for exchanges, in place; return whether any exchange is open.
 
-    Evidence is collected for pairs with a bearing that contradicts its identity, and for open pairs. The bearings are
-    the rows from `first` up to, not including, `last`.
+    Evidence (log odds) is collected for pairs of identities with a bearing that contradicts its own, and for pairs for
+    which it has begun.
+
+    Args:
+        first: first row of the time step.
+        last: row after its last one.
+        rows: all bearings.
+        sensors: positions of the sensors.
+        state: filters and evidence, changed in place.
     """
     K, S, now = len(state.known), len(sensors.x), rows.seconds[first]
     suspect = np.zeros(K, dtype=np.bool_)
@@ -315,9 +328,10 @@ def _compare(first: int, last: int, rows: LabelledRows, sensors: SensorPositions
 
 @kernel
 def _accept(s: int, a: int, b: int, state: ContinuityState) -> bool:
-    """Whether there is sufficient evidence that the labels of identities a and b are exchanged in sensor s.
+    """Return whether the evidence suffices that the labels of identities a and b are exchanged in sensor s.
 
-    s = S, the number of sensors: in all sensors.
+    s = S, the number of sensors, means in all sensors. Less evidence is needed for an exchange back to the given
+    labels.
     """
     S = len(state.identity)
     to_b, to_a = state.odds[s, a, b], state.odds[s, b, a]
@@ -329,14 +343,14 @@ def _accept(s: int, a: int, b: int, state: ContinuityState) -> bool:
 
 @kernel
 def _decide(first: int, rows: LabelledRows, state: ContinuityState, identity: Ints, events: Floats) -> int:
-    """Exchange the identities of labels with sufficient evidence; return the number of events.
+    """Exchange the identities of labels with sufficient evidence, in place; return the number of events.
 
     Args:
-        first: first row of the time step; rows before it, since an exchange began, are corrected.
+        first: first row of the time step; earlier rows, back to the begin of an exchange, are corrected.
         rows: all bearings.
-        state: updated.
-        identity: (n,) identity of each row's label, updated.
-        events: rows that are filled: `EXCHANGED`, begin [s], 0, a, b, sensor (their number: all sensors), 0.
+        state: filters and evidence, changed in place.
+        identity: (n,) identity of each row's label, changed in place.
+        events: (., 7) rows that are filled: `EXCHANGED`, begin [s], 0, a, b, sensor (number of sensors: all), 0.
     """
     S, K, n = len(state.identity), len(state.known), 0
     exchanged = np.zeros(S, dtype=np.bool_)
@@ -381,19 +395,19 @@ def follow_labels(
     """Determine the identities of labelled bearings by the continuity of their motion.
 
     Args:
-        rows: whole time steps.
-        sensors: their sensors.
-        walk: how targets move.
-        state: after the rows before; changed.
-        identity: (N,) of each row; those of the rows from `begun` on are written, and those of earlier ones corrected.
+        rows: bearings of whole time steps.
+        sensors: positions of the sensors.
+        walk: motion model of the targets.
+        state: filters after the rows before; changed in place.
+        identity: (N,) identity of each row; those from `begun` on are written, earlier ones corrected, in place.
         against: (N,) whether a bearing contradicts the motion of its target; written from `begun` on.
         begun: first row that was not there before.
 
     Returns:
-        (E, 7) events: kind, time; of an exchange 0, both identities, the sensor (their number: all of them) and 0; of a
-        jump its speed, the identity, the factor of the motion's variance, the time at which the new position is
-        confirmed, and the distance.  The time of the earliest bearing that may still change its identity, inf without
-        any.
+        (E, 7) events: kind, time [s]; of an exchange 0, both identities, the sensor (number of sensors: all) and 0; of
+        a jump its speed, the identity, the factor of the motion's variance, the time at which the new position is
+        confirmed, and the distance. Then the time of the earliest bearing that may still change its identity; inf
+        without any.
     """
     N, n = len(rows.seconds), 0
     events = np.zeros((N + len(state.known) ** 2 * (len(sensors.x) + 1), 7))
@@ -443,18 +457,19 @@ def _take(
     state: ContinuityState,
     events: Floats,
 ) -> int:
-    """Update all filters by the bearings of one time step; return the number of jumps.
+    """Update all filters by the bearings of one time step, in place; return the number of jumps.
 
     Args:
         first: first row of the step.
         last: row after its last one.
         rows: all bearings.
         identity: (n,) identity of each row's label.
-        against: (n,) rows that contradict their identity, filled.
-        sensors: their positions.
-        walk: motion of people.
-        state: filters and rivals, updated.
-        events: rows that are filled for the jumps.
+        against: (n,) booleans, set for the rows of the step: the bearing contradicts the motion of its identity.
+        sensors: positions of the sensors.
+        walk: motion model of the targets.
+        state: filters and rivals, changed in place.
+        events: (., 7) rows that are filled for the jumps: kind, time [s], speed, identity, factor of the motion's
+            variance, time at which the new position is confirmed, distance.
     """
     K, now, n = len(state.known), rows.seconds[first], 0
     inside = np.zeros(last - first, dtype=np.bool_)
@@ -527,10 +542,17 @@ def _take(
 def _take_rivals(
     first: int, last: int, rows: LabelledRows, identity: Ints, sensors: SensorPositions, state: ContinuityState
 ) -> None:
-    """Update the rivals in `state` and their log odds by the bearings of one time step, before the filters.
+    """Update the rival filters and their log odds by the bearings of one time step, in place.
 
-    The bearings are the rows from `first` up to, not including, `last`; `identity` (n,) has the identity of each row's
-    label.
+    It is called before the filters themselves are updated.
+
+    Args:
+        first: first row of the step.
+        last: row after its last one.
+        rows: all bearings.
+        identity: (n,) identity of each row's label.
+        sensors: positions of the sensors.
+        state: filters and rivals, changed in place.
     """
     for r in range(first, last):
         k = identity[r]
@@ -547,9 +569,16 @@ def _take_rivals(
 
 @kernel
 def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
-    """Replace the filter of identity k by its rival, or drop the rival, given the odds; return the number of jumps.
+    """Replace the filter of identity k by its rival, or drop the rival, by the log odds; return the number of jumps.
 
-    The number is 0 or 1; the jump fills the first row of `events`. `now` is the time [s].
+    The number is 0 or 1.
+
+    Args:
+        k: identity.
+        now: time [s].
+        state: filters and rivals, changed in place.
+        events: (., 7); a jump fills the first row: kind, time [s], speed, identity, factor of the motion's variance,
+            time at which the new position is confirmed, distance.
     """
     rival, old = state.rival[k], state.contradicted[k]
     opened = min(state.open_s[:, k].min(), state.open_s[:, :, k].min()) < math.inf
@@ -573,17 +602,20 @@ def _replace(k: int, now: float, state: ContinuityState, events: Floats) -> int:
 
 @kernel
 def _position(now: float, mean: Floats, covariance: Floats) -> Floats:
-    """(4,) time [s], x, y and trace of the position covariance of a filter with `mean` (4,) and `covariance` (4, 4)."""
+    """Return (4,) time [s], x, y and trace of the position covariance of a filter at time `now`.
+
+    `mean` (4,) and `covariance` (4, 4) are of x, y, vx, vy.
+    """
     return np.array([now, mean[0], mean[1], covariance[0, 0] + covariance[1, 1]])
 
 
 @kernel
 def _speed(one: Floats, other: Floats) -> float:
-    """Minimum speed from one position to another, given their uncertainty.
+    """Return the least speed between two positions, their distance less 2 standard deviations over the time between.
 
     Args:
-        one: (4,) of `_position`, the earlier one.
-        other: (4,) of `_position`.
+        one: (4,) time [s], x, y and trace of the covariance of the earlier position.
+        other: (4,) of the later one.
     """
     away = math.hypot(other[1] - one[1], other[2] - one[2])
     return float((away - JUMP_SIGMAS * math.sqrt(one[3] + other[3])) / max(other[0] - one[0], 1e-9))

@@ -46,7 +46,7 @@ CHALLENGE = ClearRule(memory=1, most=False)
 
 
 class MatchedPairs(NamedTuple):
-    """Pairs of targets and tracks, sorted by frame.
+    """Pairs of targets and tracks, sorted by frame, with distance, similarity and whether the target changed its track.
 
     Attributes:
         frame: (n,) position of the frame in `MatchedFrames`.
@@ -107,16 +107,24 @@ class ClearMot(NamedTuple):
 
 
 class Matcher:
-    """Pairs targets and tracks one to one in each frame, over parts of a recording in order."""
+    """Pairs targets and tracks one to one in each frame, by a `ClearRule`, over parts of a recording in order."""
 
     def __init__(self, targets: int, rule: ClearRule = CLASSIC) -> None:
-        """Start without frames; number of all targets, and the pairing rule."""
+        """Start without frames.
+
+        Args:
+            targets: number of all targets.
+            rule: rule of pairing.
+        """
         self._rule = rule
         self._held = np.full(targets, -1, dtype=np.int64)
         self._when = np.zeros(targets, dtype=np.int64)
 
     def update(self, frames: MatchedFrames) -> MatchedPairs:
-        """Pair the rows of further frames; target and track numbers are the same in all parts."""
+        """Return the pairs of further frames.
+
+        Target and track numbers are the same in all parts; rows and frames of the pairs are positions in `frames`.
+        """
         rule, held, when = self._rule, self._held, self._when
         parts: list[MatchedPairs] = []
         for t in frames.meeting():
@@ -142,17 +150,17 @@ class Matcher:
 
 
 def match(frames: MatchedFrames, rule: ClearRule = CLASSIC) -> MatchedPairs:
-    """Pair targets and tracks one to one in each frame.
+    """Return one-to-one pairs of targets and tracks in each frame, by the rule of CLEAR-MOT.
 
     Args:
         frames: truth and tracks.
-        rule: how they are paired.
+        rule: rule of pairing.
     """
     return Matcher(len(frames.truth_key), rule).update(frames)
 
 
 class ClearCounts:
-    """Accumulates CLEAR-MOT counts over frames in the order of time."""
+    """CLEAR-MOT counts (rows, pairs, switches, segments) and sums of distances, accumulated in the order of time."""
 
     def __init__(self, targets: int) -> None:
         """Start without frames; `targets` is the number of all targets."""
@@ -162,7 +170,12 @@ class ClearCounts:
         self._goes_on = np.zeros(targets, dtype=np.bool_)  # the target was paired when it was there last
 
     def update(self, frames: MatchedFrames, made: MatchedPairs) -> None:
-        """Add frames with their pairs; target numbers are the same in all parts."""
+        """Add the counts of frames.
+
+        Args:
+            frames: truth and tracks; target numbers are the same in all parts.
+            made: pairs of these frames.
+        """
         size = len(self._life)
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         self._tp, self._switches = self._tp + len(made.truth), self._switches + int(np.count_nonzero(made.switch))
@@ -192,7 +205,7 @@ class ClearCounts:
         self._segments = np.concatenate([self._segments, other._segments])
 
     def result(self) -> ClearMot:
-        """CLEAR-MOT figures over all frames added."""
+        """Return the CLEAR-MOT figures over all frames added."""
         n, m, tp = self._objects, self._estimates, self._tp
         known = self._life > 0
         # Share of each target's frames in which it is paired
@@ -219,12 +232,12 @@ class ClearCounts:
 
 
 def clear_mot(frames: MatchedFrames, rule: ClearRule = CLASSIC, matches: MatchedPairs | None = None) -> ClearMot:
-    """Compute the CLEAR-MOT figures of tracks.
+    """Return the CLEAR-MOT figures of tracks.
 
     Args:
         frames: truth and tracks.
-        rule: how they are paired.
-        matches: what `match` gave for the same frames and rule; None: it is called.
+        rule: rule of pairing.
+        matches: pairs of `frames` by this rule, as `match` returns them; None: they are computed.
     """
     counts = ClearCounts(len(frames.truth_key))
     counts.update(frames, match(frames, rule) if matches is None else matches)
@@ -232,13 +245,13 @@ def clear_mot(frames: MatchedFrames, rule: ClearRule = CLASSIC, matches: Matched
 
 
 def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints, Ints]:
-    """Rows and columns of the pairs of one frame, sorted by row.
+    """Return rows (k,) and columns (k,) of the pairs of one frame, sorted by row: first kept pairs, then assigned ones.
 
     Args:
         allowed: (n, m) pairs that are similar enough.
-        values: (n, m) distances, or similarities where not `most`.
+        values: (n, m) distances, or similarities if not `most`.
         kept: (n, m) pairs of each target with the track that it had last.
-        most: see `ClearRule`.
+        most: True: as many pairs as possible, then least total distance; False: largest total similarity.
     """
     kept = kept & allowed
     columns = np.flatnonzero(kept.any(axis=0))
@@ -258,6 +271,13 @@ def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints
 
 
 def _assign(allowed: Bools, values: Floats, most: bool) -> tuple[Ints, Ints]:
+    """Return rows (k,) and columns (k,) of a one-to-one assignment among the allowed pairs.
+
+    Args:
+        allowed: (n, m) pairs that are similar enough.
+        values: (n, m) distances, or similarities if not `most`.
+        most: True: as many pairs as possible, then least total distance; False: largest total similarity.
+    """
     if most:
         pairs = pair_within(np.where(allowed, values, np.inf), float(np.finfo(np.float64).max))
         chosen = np.array(pairs, dtype=np.int64)

@@ -26,7 +26,7 @@ NO_TARGET = -1
 
 
 class FailureRates(NamedTuple):
-    """Failures as rows (view, frame, target), and their rates.
+    """Position and label failures of trackers as rows, sorted by view, frame and target, and their rates ([Qu] Eq. 9).
 
     Attributes:
         frame: (n,) number of the frame.
@@ -54,12 +54,21 @@ class FailureRates(NamedTuple):
     fr_l: float
 
     def causes(self, unit: str = "px") -> list[str]:
-        """Cause of each failure, as text with distances in `unit`."""
+        """Return the cause of each failure as a text, with distances in `unit`."""
         rows = zip(*(column.tolist() for column in (self.label, self.other, self.away, self.elsewhere)), strict=True)
         return [_cause(label, other, away, elsewhere, unit) for label, other, away, elsewhere in rows]
 
 
 def _cause(label: bool, other: int, away: float, elsewhere: int, unit: str) -> str:
+    """Return the cause of a failure as a text.
+
+    Args:
+        label: True for a label failure, False for a position failure.
+        other: label failure: target that the tracker is on.
+        away: position failure: distance of the target from its own tracker; NaN without one.
+        elsewhere: position failure: target that its own tracker is on; `NO_TARGET`: none.
+        unit: unit of the distance.
+    """
     if label:
         return f"tracker on target {other}"
     if elsewhere != NO_TARGET:
@@ -68,7 +77,7 @@ def _cause(label: bool, other: int, away: float, elsewhere: int, unit: str) -> s
 
 
 def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints | None = None) -> FailureRates:
-    """Failures of trackers, [Qu] Eq. 9.
+    """Return the position and label failures of trackers, and their rates ([Qu] Eq. 9).
 
     Args:
         truth: (n, 2) centres of the targets in each frame and view, hidden ones included; labels >= 0.
@@ -97,7 +106,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
 
 
 class _FrameMatches(NamedTuple):
-    """Row of each tracker with the true rows of its frame (M), and of each true row with its own trackers (N)."""
+    """For each tracker row the true row it is on, and for each true row the nearest of its target's own trackers."""
 
     assigned: Ints  # (M,) label of its own target
     on: Ints  # (M,) true row that it is on; -1: none
@@ -107,11 +116,13 @@ class _FrameMatches(NamedTuple):
 
 
 def _match_frame(frames: MatchedFrames, reach: Floats, assigned: Ints) -> _FrameMatches:
-    """Target that each tracker is on, and the nearest assigned tracker of each target.
+    """Return the target that each tracker is on, and the nearest assigned tracker of each target, in each frame.
+
+    A tracker is on its own target if that is within tau, else on the nearest target within tau.
 
     Args:
         frames: N true rows and M rows of trackers.
-        reach: (N,) tau of each true row.
+        reach: (N,) largest distance tau from each true row at which a tracker is on it.
         assigned: (M,) label of each tracker's own target.
     """
     on, far = np.full(len(frames.track), -1, dtype=np.int64), np.full(len(frames.track), np.nan)

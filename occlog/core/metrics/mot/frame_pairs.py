@@ -79,18 +79,21 @@ class MatchedFrames(NamedTuple):
     limit: float
 
     def meeting(self) -> list[int]:
-        """Indices of the frames with rows on both sides, truth and tracks."""
+        """Return the indices of the frames with rows on both sides, truth and tracks."""
         return [int(t) for t in np.flatnonzero(np.diff(self.truth_start) * np.diff(self.track_start))]
 
     def rows(self, t: int) -> tuple[slice, slice]:
-        """True rows and track rows of frame t."""
+        """Return the true rows and the track rows of frame t, as slices."""
         return (
             slice(int(self.truth_start[t]), int(self.truth_start[t + 1])),
             slice(int(self.track_start[t]), int(self.track_start[t + 1])),
         )
 
     def compare(self, t: int) -> tuple[Floats, Floats]:
-        """Distances (n, m) >= 0 and similarities (n, m) in [0, 1] of all pairs in frame t."""
+        """Return distances (n, m) >= 0 and similarities (n, m) in [0, 1] of all pairs of target and track in frame t.
+
+        Boxes: 1 - IoU and IoU. Points: Euclidean distance and max(0, 1 - distance / (2 limit)).
+        """
         left, right = self.rows(t)
         a, b = self.truth_position[left], self.track_position[right]
         if np.isnan(self.limit):
@@ -101,7 +104,7 @@ class MatchedFrames(NamedTuple):
 
 
 def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
-    """Round distances to the precision of the positions.
+    """Return distances rounded to the precision of the positions.
 
     Distances of 0.3 to 0.8 and of 1000.3 to 1000.8 differ in the last bits, but must be on the same side of a limit.
 
@@ -117,15 +120,15 @@ def _without_rounding(distance: Floats, a: Floats, b: Floats) -> Floats:
 
 
 def numbered(part: MatchedFrames, truth_key: Ints, track_key: Ints) -> MatchedFrames:
-    """Frames of a part of a recording, with target and track numbers of the whole recording.
+    """Return frames of a part of a recording, with target and track numbers of the whole recording.
 
     Args:
-        part: frames that know of their own targets and tracks only.
-        truth_key: (G, 2) view and label of all targets, in rising order.
-        track_key: (K, 2) view and label of all tracks, in rising order.
+        part: frames with numbers of the targets and tracks of the part only.
+        truth_key: (G, 2) view and label of all targets of the recording, in increasing order.
+        track_key: (K, 2) view and label of all tracks of the recording, in increasing order.
 
     Raises:
-        KeyError: a target or a track of the part is none of the whole.
+        KeyError: a target or a track of the part is none of the recording.
     """
     found = []
     for own, every in ((part.truth_key, truth_key), (part.track_key, track_key)):
@@ -137,11 +140,11 @@ def numbered(part: MatchedFrames, truth_key: Ints, track_key: Ints) -> MatchedFr
 
 
 def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
-    """Return the frames of true boxes and tracked boxes, (n, 4): left, top, width, height.
+    """Return the truth and tracks of boxes, arranged by frame; boxes are left, top, width, height.
 
     Raises:
-        ValueError: a position is not finite or no box, a label comes twice in a frame of a view, or
-            only one side has views.
+        ValueError: a position is not finite or not a box, a label comes twice in a frame of a view, or only one side
+            has views.
     """
     for side in (truth, tracks):
         if side.position.shape[1:] != (4,) or not (side.position[:, 2:] > 0).all():
@@ -150,7 +153,7 @@ def of_boxes(truth: Objects, tracks: Objects) -> MatchedFrames:
 
 
 def of_points(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
-    """Create frames of points (n, d), on the ground, in space or in the image.
+    """Return the truth and tracks of points (n, d), arranged by frame; on the ground, in space or in the image.
 
     Args:
         truth: the targets.
@@ -158,8 +161,8 @@ def of_points(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
         limit: distance at which the similarity is 0.5, > 0, unit of the positions.
 
     Raises:
-        ValueError: a position is not finite or has other columns than those of the other side, a
-            label comes twice in a frame of a view, or only one side has views.
+        ValueError: a position is not finite or has other columns than those of the other side, a label comes twice in a
+            frame of a view, or only one side has views.
     """
     if not 0 < limit < np.inf:
         raise ValueError(f"limit {limit:g} must be above 0")
@@ -167,11 +170,22 @@ def of_points(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
 
 
 def reaches(similarity: Floats, threshold: float) -> Bools:
-    """Whether similarities reach a threshold, up to rounding; a similarity of 0 never does."""
+    """Return whether similarities (any shape) are at least a threshold, up to rounding; False for a similarity of 0."""
     return np.asarray((similarity >= threshold - EPS) & (similarity > EPS))
 
 
 def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
+    """Return truth and tracks arranged by frame.
+
+    Args:
+        truth: the targets.
+        tracks: the estimates.
+        limit: distance of points at which their similarity is 0.5; NaN for boxes.
+
+    Raises:
+        ValueError: a position is not finite, the sides have different columns, a label comes twice in a frame of a
+            view, or only one side has views.
+    """
     if truth.position.ndim != 2 or truth.position.shape[1:] != tracks.position.shape[1:]:
         raise ValueError("positions of both sides must have as many columns")
     n = len(truth.frame)
@@ -202,17 +216,19 @@ def _frames(truth: Objects, tracks: Objects, limit: float) -> MatchedFrames:
 
 
 def _rows_of(side: Objects, rows: Ints) -> Floats:
+    """Return the positions (k, d) of the rows `rows` (k,) of one side, as contiguous float64."""
     return np.ascontiguousarray(side.position[rows], dtype=np.float64)
 
 
 def _views(side: Objects) -> Ints:
+    """Return the (n,) view of each row; 0 without views. ValueError if a position is not finite."""
     if not np.isfinite(side.position).all():
         raise ValueError("positions must be finite; omit objects without one")
     return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view.astype(np.int64)
 
 
 def _numbered(first: Ints, second: Ints) -> tuple[Ints, Ints]:
-    """Distinct pairs (K, 2) of two columns, sorted, and the index (n,) of each row's pair.
+    """Return the distinct pairs (K, 2) of two columns, sorted, and for each row the index (n,) of its pair.
 
     Args:
         first: (n,) first column, by which pairs are sorted first.
@@ -226,15 +242,16 @@ def _numbered(first: Ints, second: Ints) -> tuple[Ints, Ints]:
 
 
 def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, Ints]:
-    """Rows (n,) of one side sorted by frame and label, and the first sorted row of each frame (cells + 1,).
-
-    ValueError if a label comes twice in a frame.
+    """Return the rows (n,) of one side sorted by frame and label, and the first sorted row of each frame (cells + 1,).
 
     Args:
         side: truth or tracks, of n rows.
-        cell: (n,) index of each row's frame and view.
+        cell: (n,) index of each row's pair of view and frame.
         number: (n,) index of its label.
-        cells: number of frames and views.
+        cells: number of pairs of view and frame.
+
+    Raises:
+        ValueError: a label comes twice in a frame of a view.
     """
     order = np.lexsort((number, cell))
     same = (np.diff(cell[order]) == 0) & (np.diff(number[order]) == 0)
@@ -246,7 +263,7 @@ def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, 
 
 @kernel
 def _overlaps(a: Floats, b: Floats) -> Floats:
-    """(n, m) intersection over union of boxes `a` (n, 4) and `b` (m, 4): left, top, width, height.
+    """Return the (n, m) intersection over union of boxes `a` (n, 4) and `b` (m, 4): left, top, width, height.
 
     As loops: fast for few boxes.
     """
@@ -264,7 +281,7 @@ def _overlaps(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def _distances(a: Floats, b: Floats) -> Floats:
-    """(n, m) Euclidean distances of points `a` (n, d) and `b` (m, d)."""
+    """Return the (n, m) Euclidean distances of points `a` (n, d) and `b` (m, d)."""
     out = np.zeros((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):
@@ -282,7 +299,7 @@ PENDING = 1 << 18
 
 
 class TargetTrackSums:
-    """Sparse sums for couples of a target and a track.
+    """Sums for each couple of a target and a track, 0 until something is added.
 
     In a long recording few of the possible couples coexist: memory grows with the couples to which something was added.
     """
@@ -319,7 +336,10 @@ class TargetTrackSums:
             self._settle()
 
     def at(self, target: Ints, track: Ints) -> Floats:
-        """(sums, n) values of the couples of `target` (n,) and `track` (n,), both indices; 0 if nothing was added."""
+        """Return the (sums, n) sums of the couples of target numbers `target` (n,) and track numbers `track` (n,).
+
+        0 if nothing was added.
+        """
         if self._matrix is not None:
             return np.asarray(self._matrix[:, target, track])
         self._settle()
@@ -332,7 +352,7 @@ class TargetTrackSums:
         return out
 
     def all(self) -> tuple[Ints, Ints, Floats]:
-        """Targets (n,), tracks (n,) and sums (sums, n) of the couples with a nonzero sum, sorted."""
+        """Return the couples with a nonzero sum, sorted: targets (n,), tracks (n,) and sums (sums, n)."""
         if self._matrix is not None:
             target, track = np.nonzero(self._matrix.any(axis=0))
             return target, track, self._matrix[:, target, track]
@@ -350,7 +370,7 @@ class TargetTrackSums:
         self._matrix, self._targets, self._tracks = None, self._targets + other._targets, tracks
 
     def _settle(self) -> None:
-        """Add up pending values, in the order in which they were added."""
+        """Add the pending additions to the sums, in the order in which they were made; sums of 0 are dropped."""
         if not self._pending:
             return
         keys = np.concatenate([self._keys, *(key for key, _ in self._pending)])

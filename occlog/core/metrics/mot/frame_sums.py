@@ -24,12 +24,16 @@ SIZE = len(COUNTS) + 2 * A
 
 
 def frame_sums(frames: MatchedFrames, cells: int, rule: ClearRule = CLASSIC) -> Floats:
-    """(cells, SIZE) contribution of each frame.
+    """Return the (cells, SIZE) contribution of each frame to the sums from which multi-target metrics are computed.
+
+    Columns: true rows, track rows, CLEAR-MOT pairs, identity switches, pairs of the frame alone (without memory), their
+    squared distances, IDTP; then for each of the A thresholds of HOTA the pairs, and for each the sum of their
+    association scores.
 
     Args:
         frames: truth and tracks as points; numbers of frames are below `cells`.
-        cells: how many frames there are, empty ones included.
-        rule: how CLEAR-MOT pairs.
+        cells: number of frames, empty ones included.
+        rule: pairing rule of CLEAR-MOT.
     """
     out = np.zeros((cells, SIZE))
     at = frames.frame
@@ -60,42 +64,62 @@ def frame_sums(frames: MatchedFrames, cells: int, rule: ClearRule = CLASSIC) -> 
 
 
 def _of(sums: Floats, name: str) -> Floats:
+    """Return one of the sums (...) in `sums` (..., SIZE), by its name in `COUNTS`."""
     return np.asarray(sums[..., PLACE[name]])
 
 
 def _ratio(part: Floats, whole: Floats) -> Floats:
+    """Return part / whole of arrays of one shape; NaN where the whole is not above 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(whole > 0, part / whole, np.nan))
 
 
 def mota(sums: Floats) -> Floats:
-    """(...) MOTA, 1 - (missed + false + switches) / objects, of `sums` (..., SIZE); NaN without objects."""
+    """Return MOTA (...), 1 - (missed + false + switches) / objects; NaN without objects.
+
+    `sums` (..., SIZE) are those of `frame_sums`.
+    """
     objects, paired = _of(sums, "objects"), _of(sums, "paired")
     return 1.0 - _ratio(objects + _of(sums, "estimates") - 2 * paired + _of(sums, "switches"), objects)
 
 
 def idf1(sums: Floats) -> Floats:
-    """(...) IDF1, 2 IDTP / (objects + estimates), of `sums` (..., SIZE); NaN without either."""
+    """Return IDF1 (...), 2 IDTP / (objects + estimates); NaN without either.
+
+    `sums` (..., SIZE) are those of `frame_sums`.
+    """
     return _ratio(2 * _of(sums, "idtp"), _of(sums, "objects") + _of(sums, "estimates"))
 
 
 def recall(sums: Floats) -> Floats:
-    """(...) recall, matched pairs over true objects, of `sums` (..., SIZE); NaN without objects."""
+    """Return the recall (...), matched pairs over true objects; NaN without objects.
+
+    `sums` (..., SIZE) are those of `frame_sums`.
+    """
     return _ratio(_of(sums, "paired"), _of(sums, "objects"))
 
 
 def precision(sums: Floats) -> Floats:
-    """(...) precision, matched pairs over estimates, of `sums` (..., SIZE); NaN without estimates."""
+    """Return the precision (...), matched pairs over estimates; NaN without estimates.
+
+    `sums` (..., SIZE) are those of `frame_sums`.
+    """
     return _ratio(_of(sums, "paired"), _of(sums, "estimates"))
 
 
 def matched_rmse(sums: Floats) -> Floats:
-    """(...) root mean square distance of the pairs of each frame alone, of `sums` (..., SIZE); NaN without pairs."""
+    """Return the root mean square distance (...) of the pairs of each frame alone; NaN without pairs.
+
+    `sums` (..., SIZE) are those of `frame_sums`.
+    """
     return np.asarray(np.sqrt(_ratio(np.maximum(_of(sums, "squares"), 0), _of(sums, "near"))))
 
 
 def hota_of(sums: Floats) -> Floats:
-    """(...) HOTA of `sums` (..., SIZE): mean over thresholds of sqrt(sum of associations / (TP + FN + FP))."""
+    """Return HOTA (...): mean over thresholds of sqrt(sum of association scores / (TP + FN + FP)).
+
+    `sums` (..., SIZE) are those of `frame_sums`; NaN without objects and estimates.
+    """
     first = len(COUNTS)
     both = (_of(sums, "objects") + _of(sums, "estimates"))[..., None]
     pairs, belonging = sums[..., first : first + A], sums[..., first + A : first + 2 * A]

@@ -24,17 +24,17 @@ from .frame_pairs import MatchedFrames, TargetTrackSums
 
 
 class Gospa(NamedTuple):
-    """GOSPA by frame, (T,) each; localisation + missed + false = gospa^p.
+    """GOSPA and its parts by frame, (T,) each; localisation + missed + false = gospa^p.
 
     Attributes:
         frame: number of each frame.
-        view: its view.
+        view: number of its view.
         gospa: the metric, unit of the distance.
         localisation: sum of d^p of the pairs, unit^p.
-        missed: part of the targets without an estimate, unit^p.
-        false: part of the estimates without a target, unit^p.
-        n_missed: number of those targets.
-        n_false: number of those estimates.
+        missed: c^p / alpha for each target without an estimate, unit^p.
+        false: c^p / alpha for each estimate without a target, unit^p.
+        n_missed: number of targets without an estimate.
+        n_false: number of estimates without a target.
         p: exponent.
     """
 
@@ -49,10 +49,12 @@ class Gospa(NamedTuple):
     p: float
 
     def means(self, frames: int | None = None) -> dict[str, float]:
-        """Means over frames of GOSPA and of its parts (p-th powers), and `power_mean`, (sum of the parts)^(1/p).
+        """Return means over frames of GOSPA and of its parts (p-th powers), and of the parts together.
+
+        Keys: `gospa`, `localisation`, `missed`, `false`, and `power_mean`: (sum of the means of the three parts)^(1/p).
 
         Args:
-            frames: number of frames to divide by, where some have neither target nor estimate; None: those given.
+            frames: number of frames to divide by, if some have neither target nor estimate; None: those of this object.
         """
         sums = GospaSums(self.p)
         sums.update(self)
@@ -60,7 +62,7 @@ class Gospa(NamedTuple):
 
 
 class GospaSums:
-    """Accumulates GOSPA over parts of a recording."""
+    """Sums of GOSPA and of its three parts over the frames of a recording, added part by part."""
 
     def __init__(self, p: float) -> None:
         """Start without frames; p is the exponent (order) of the metric."""
@@ -78,13 +80,16 @@ class GospaSums:
             found.merge(other._sums[name])
 
     def means(self, frames: int) -> dict[str, float]:
-        """Means over a number of frames, as by `Gospa.means`."""
+        """Return the means over a number of frames, by name: `gospa`, `localisation`, `missed`, `false`, `power_mean`.
+
+        The parts are p-th powers; `power_mean` is (sum of the means of the three parts)^(1/p).
+        """
         values = {name: found.value / max(frames, 1) for name, found in self._sums.items()}
         return {**values, "power_mean": sum(list(values.values())[1:]) ** (1.0 / self._p)}
 
 
 def gospa(frames: MatchedFrames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> Gospa:
-    """Compute GOSPA of each frame from its distances (1 - IoU, or length).
+    """Return the GOSPA of each frame from its distances (1 - IoU, or length).
 
     gospa^p = min over assignments of [sum of min(d, c)^p of the pairs + c^p / alpha (n + m - 2 pairs)].
 
@@ -144,7 +149,7 @@ class Ospa2(NamedTuple):
 
 
 def ospa2(frames: MatchedFrames, cutoff: float, p: float = 1.0) -> Ospa2:
-    """Compute OSPA(2) over all frames as one window.
+    """Return OSPA(2) over all frames as one window.
 
     The distance of a true trajectory f and a track g is a mean over the frames in which at least one of them is there:
     d(f, g)^p = mean of [min(distance, c)^p where both are there, c^p where one is].  With n >= m trajectories on the
@@ -164,14 +169,14 @@ def ospa2(frames: MatchedFrames, cutoff: float, p: float = 1.0) -> Ospa2:
 
 
 def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
-    """OSPA(2) over sliding windows of a number of frames that end at the given frames.
+    """Return OSPA(2) over sliding windows of a number of frames, one for each of the given last frames.
 
     Args:
         frames: truth and tracks of one view.
         cutoff: largest distance that counts, c > 0, unit of the distance.
         p: exponent, >= 1.
         window: number of frames, >= 1; the first windows are cut at the first frame.
-        ends: numbers of the frames with which windows end, rising.
+        ends: number of the last frame of each window, increasing.
 
     Raises:
         ValueError: an option is outside its range, or the frames are of several views.
@@ -182,7 +187,11 @@ def ospa2_over_time(frames: MatchedFrames, cutoff: float, p: float, window: int,
 
 
 class _FrameCounts(NamedTuple):
-    """Contribution of one frame to the sums of OSPA(2)."""
+    """Contribution of one frame to the sums of OSPA(2).
+
+    Number of the frame, numbers (n,) of its targets and (m,) of its tracks, and (n, m) p-th powers of their distances,
+    limited to the cutoff; (0, 0) if either is missing.
+    """
 
     frame: int
     truth: Ints
@@ -191,7 +200,7 @@ class _FrameCounts(NamedTuple):
 
 
 class Ospa2Sums:
-    """Accumulates OSPA(2): numbers of frames of each trajectory and pair, and their summed distances."""
+    """Sums for OSPA(2): numbers of frames of each trajectory and of each couple, and summed distances of couples."""
 
     def __init__(self, targets: int, tracks: int, cutoff: float, p: float) -> None:
         """Start without frames.
@@ -218,9 +227,9 @@ class Ospa2Sums:
             self.count(self.seen(frames, t), 1)
 
     def seen(self, frames: MatchedFrames, t: int) -> _FrameCounts:
-        """Target and track numbers of frame t, and p-th powers of their distances, cut off at the cutoff.
+        """Return the contribution of frame t, the input of `count`: targets, tracks, and powers of their distances.
 
-        The input of `count`.
+        The p-th powers of distances are limited to that of the cutoff.
         """
         left, right = frames.rows(t)
         truth, track, distance = frames.truth[left], frames.track[right], np.zeros((0, 0))
@@ -229,7 +238,7 @@ class Ospa2Sums:
         return _FrameCounts(int(frames.frame[t]), truth, track, distance)
 
     def count(self, seen: _FrameCounts, sign: int) -> None:
-        """Add (sign 1) or subtract (sign -1) a frame, as `seen` returns it."""
+        """Add (sign 1) or subtract (sign -1) the contribution of a frame, as `seen` returns it."""
         # No label comes twice in a frame, so nothing is added to twice.
         self._truth[seen.truth] += sign
         self._track[seen.track] += sign
@@ -246,7 +255,7 @@ class Ospa2Sums:
         self._couples.merge(other._couples)
 
     def result(self) -> Ospa2:
-        """OSPA(2) of the frames added so far."""
+        """Return OSPA(2) of the frames added so far; 0 without trajectories."""
         n, m, c = np.count_nonzero(self._truth), np.count_nonzero(self._track), self._cutoff**self._p
         if not n and not m:
             return Ospa2(0.0, 0.0, 0.0)
@@ -284,7 +293,10 @@ class Ospa2Windows:
         self._within: deque[_FrameCounts] = deque()
 
     def update(self, frames: MatchedFrames, ends: Iterable[int]) -> Iterator[Ospa2]:
-        """OSPA(2) of the windows that end at the frames `ends` (increasing) of this part."""
+        """Generate OSPA(2) of the windows that end at the frame numbers `ends` (increasing).
+
+        `frames` are the next part of the stream.
+        """
         t = 0
         for end in ends:
             while t < len(frames.frame) and frames.frame[t] <= end:

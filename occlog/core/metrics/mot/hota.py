@@ -29,7 +29,7 @@ class Hota(NamedTuple):
 
     A threshold at which nothing is paired has 0 everywhere, and `loc_a` 1, as in TrackEval.
     TP, FN and FP count pairs, true rows without a pair, and rows of tracks without one.  TPA, FNA and FPA of a
-    pair count the same among the rows of its target and its track: pairs of the two, other rows of the target,
+    pair count rows of its target and its track: pairs of the two, other rows of the target,
     other rows of the track.
 
     Attributes:
@@ -57,24 +57,28 @@ class Hota(NamedTuple):
     tp: Ints
 
     def means(self) -> dict[str, float]:
-        """Mean of each figure over the thresholds."""
+        """Return the mean of each figure over the thresholds, by name: `hota`, `det_a`, `ass_a` etc., without `tp`."""
         names = ("hota", "det_a", "ass_a", "loc_a", "det_re", "det_pr", "ass_re", "ass_pr")
         return {name: float(np.mean(getattr(self, name))) for name in names}
 
 
 class Alignment:
-    """Accumulates the global alignment score of each target and track."""
+    """Global alignment score of HOTA for each target and track: how well the two agree over all frames.
+
+    `life` (G,) and `length` (K,) are the numbers of rows of targets and tracks.
+    """
 
     def __init__(self, targets: int, tracks: int) -> None:
-        """Start without frames; number of all targets and tracks."""
+        """Start without frames; `targets` and `tracks` are the numbers of all targets and tracks."""
         self._met = TargetTrackSums(targets, tracks)
         self.life = np.zeros(targets, dtype=np.int64)
         self.length = np.zeros(tracks, dtype=np.int64)
 
     def update(self, frames: MatchedFrames) -> None:
-        """Add frames.
+        """Add frames, with target and track numbers of the whole recording.
 
-        A pair with the similarity s adds s / (sum of the similarities of its target and of its track to anything - s).
+        A pair with the similarity s adds s / (sum of the similarities of its target to all tracks and of its track to
+        all targets - s).
         """
         for t in frames.meeting():
             left, right = frames.rows(t)
@@ -88,9 +92,9 @@ class Alignment:
         self.length += np.bincount(frames.track, minlength=len(self.length))
 
     def of(self, target: Ints, track: Ints) -> Floats:
-        """(n,) global alignment scores, 0 to 1, of the couples of `target` (n,) and `track` (n,), both indices.
+        """Return the (n,) global alignment scores, 0 to 1, of couples of targets `target` (n,) and tracks `track` (n,).
 
-        The sum of what `update` adds for the couple, divided by the rows of both less this sum.
+        It is the sum of what `update` adds for the couple, divided by the rows of both less this sum.
         """
         (met,) = self._met.at(target, track)
         either = self.life[target] + self.length[track] - met
@@ -98,7 +102,7 @@ class Alignment:
 
 
 class HotaCounts:
-    """Accumulates HOTA counts, given the alignment over all frames.
+    """Counts of HOTA, accumulated over frames, given the alignment over all frames.
 
     A couple is a target with a track with which it is paired at least once.
     """
@@ -107,7 +111,7 @@ class HotaCounts:
         """Start without frames.
 
         Args:
-            known: of all frames.
+            known: global alignment scores of all frames of the recording.
             alphas: (A,) thresholds of similarity in (0, 1).
         """
         self._known, self._alphas = known, alphas
@@ -149,7 +153,7 @@ class HotaCounts:
         self._known.length = np.concatenate([mine.length, its.length])
 
     def result(self) -> Hota:
-        """HOTA and its parts over all frames, at each threshold."""
+        """Return HOTA and its parts over all frames, at each threshold."""
         alphas, tracks = self._alphas, max(len(self._known.length), 1)
         life, length = self._known.life[self._couples // tracks], self._known.length[self._couples % tracks]
         tp, loc_a = self._tpa.sum(axis=0), np.ones(len(alphas))
@@ -181,10 +185,10 @@ class HotaCounts:
 
 
 def hota(frames: MatchedFrames, alphas: Floats = ALPHAS) -> Hota:
-    """Compute HOTA and its parts at each threshold.
+    """Return HOTA and its parts at each threshold.
 
     Args:
-        frames: truth and tracks, with the similarities of `frames`.
+        frames: truth and tracks.
         alphas: (A,) thresholds of similarity in (0, 1).
     """
     counts = HotaCounts(_aligned(frames), alphas)
@@ -193,15 +197,15 @@ def hota(frames: MatchedFrames, alphas: Floats = ALPHAS) -> Hota:
 
 
 def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, Floats, Floats]:
-    """Association score of each pair, of which HOTA = sqrt(sum of associations / (TP + FN + FP)).
+    """Return the association score of each pair, from which HOTA = sqrt(sum of scores / (TP + FN + FP)).
 
     Args:
         frames: truth and tracks.
         alphas: (A,) thresholds of similarity in (0, 1).
 
     Returns:
-        (n,) index of each pair's frame, (n, A) whether it is a pair at each threshold, (n, A) its TPA / (TPA + FNA +
-        FPA) there, 0 where it is none.
+        (n,) index of each pair's frame; (n, A) 1 where it is a pair at a threshold, else 0; (n, A) its score TPA / (TPA
+        + FNA + FPA) there, 0 where it is none.
     """
     frame, couple, life, length, similarity = _paired(frames)
     good = (similarity[:, None] >= alphas - EPS).astype(np.float64)
@@ -213,10 +217,10 @@ def associations(frames: MatchedFrames, alphas: Floats = ALPHAS) -> tuple[Ints, 
 
 
 def _paired(frames: MatchedFrames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
-    """Pairs of all frames with their couples.
+    """Return the pairs of all frames with their couples (a target and a track that are paired at least once).
 
     Returns:
-        (n,) position of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
+        (n,) index of each pair's frame, (n,) number of its couple; of each couple the rows of its target (TPA + FNA)
         and of its track (TPA + FPA); (n,) similarity of each pair.
     """
     known = _aligned(frames)
@@ -227,17 +231,17 @@ def _paired(frames: MatchedFrames) -> tuple[Ints, Ints, Ints, Ints, Floats]:
 
 
 def _aligned(frames: MatchedFrames) -> Alignment:
-    """Alignment scores of whole tables."""
+    """Return the global alignment scores over all frames."""
     out = Alignment(len(frames.truth_key), len(frames.track_key))
     out.update(frames)
     return out
 
 
 def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints, Floats]:
-    """Frames, targets, tracks and similarities of the pairs of all frames, four arrays (n,).
+    """Return the pairs of all frames: indices of frames, targets, tracks and similarities, four arrays (n,).
 
-    In each frame the assignment maximises similarity times alignment, so that of two equally near tracks the one that
-    agrees with the target over all frames is chosen.
+    In each frame the assignment maximises similarity times global alignment score (`known`), so that of two equally
+    near tracks the one that agrees with the target over all frames is chosen.
     """
     none = np.zeros(0, dtype=np.int64)
     indices, targets, tracks, similarities = [none], [none], [none], [np.zeros(0)]
@@ -256,16 +260,16 @@ def _assigned(frames: MatchedFrames, known: Alignment) -> tuple[Ints, Ints, Ints
 
 
 class Identity(NamedTuple):
-    """IDF1 counts and rates; rates are NaN if the divisor is 0.
+    """IDF1 counts and rates, with tracks assigned to targets one to one; rates are NaN if the divisor is 0.
 
     Attributes:
-        idtp: rows in which a target is met by the track that is given to it.
-        idfp: the other rows of tracks.
-        idfn: the other true rows.
+        idtp: true rows that are matched by the track assigned to their target.
+        idfp: other rows of tracks.
+        idfn: other true rows.
         idf1: 2 idtp / (2 idtp + idfp + idfn).
         idp: idtp / (idtp + idfp).
         idr: idtp / (idtp + idfn).
-        track: (G,) number of the track that is given to each target; -1: none ever meets it.
+        track: (G,) number of the track assigned to each target; -1: none.
     """
 
     idtp: int
@@ -278,16 +282,22 @@ class Identity(NamedTuple):
 
 
 class IdentityCounts:
-    """Accumulates IDF1: the number of rows in which each target matches each track."""
+    """Counts of IDF1, accumulated over frames: the number of rows in which each target matches each track."""
 
     def __init__(self, targets: int, tracks: int, threshold: float = 0.5) -> None:
-        """Start without frames; numbers of all targets and tracks, and the minimum similarity of a match."""
+        """Start without frames.
+
+        Args:
+            targets: number of all targets.
+            tracks: number of all tracks.
+            threshold: least similarity of a match.
+        """
         self._met, self._targets = TargetTrackSums(targets, tracks), targets
         self._objects = self._estimates = 0
         self._threshold = threshold
 
     def update(self, frames: MatchedFrames) -> None:
-        """Add frames; target and track numbers are the same in all parts."""
+        """Add the matches of frames; target and track numbers are the same in all parts of a recording."""
         self._objects, self._estimates = self._objects + len(frames.truth), self._estimates + len(frames.track)
         for t in frames.meeting():
             left, right = frames.rows(t)
@@ -302,7 +312,7 @@ class IdentityCounts:
         self._objects, self._estimates = self._objects + other._objects, self._estimates + other._estimates
 
     def result(self) -> Identity:
-        """Assign targets and tracks one to one with the most IDTP, and compute the figures.
+        """Return IDF1 and its parts, with targets and tracks assigned one to one with the largest IDTP.
 
         This minimises IDFN + IDFP = N + M - 2 IDTP.
         """
@@ -324,11 +334,11 @@ class IdentityCounts:
 
 
 def identity(frames: MatchedFrames, threshold: float = 0.5) -> Identity:
-    """Compute IDF1 and its parts, with targets and tracks assigned one to one over all frames.
+    """Return IDF1 and its parts, with targets and tracks assigned one to one over all frames.
 
     Args:
         frames: truth and tracks.
-        threshold: least similarity at which a track meets a target.
+        threshold: least similarity at which a row of a track matches a row of a target.
     """
     counts = IdentityCounts(len(frames.truth_key), len(frames.track_key), threshold)
     counts.update(frames)

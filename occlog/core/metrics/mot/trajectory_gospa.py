@@ -32,7 +32,10 @@ FREE, CHANGE, NOTHING = 0, 1, 2
 
 
 class TrajectoryPairs(NamedTuple):
-    """Rows of target-track pairs within the cutoff, sorted by pair, then by time."""
+    """Rows (a target and a track closer than the cutoff in a frame), sorted by target, track and time.
+
+    Columns: target, track, number of the frame, and cost distance^p, below c^p.
+    """
 
     truth: Ints  # target
     track: Ints
@@ -40,31 +43,31 @@ class TrajectoryPairs(NamedTuple):
     cost: Floats  # distance^p, below c^p
 
     def take(self, rows: Ints | Bools) -> TrajectoryPairs:
-        """Select pairs by a mask or by indices `rows`; the given ones are not changed."""
+        """Return the rows selected by a mask or by indices `rows`, as a copy."""
         return TrajectoryPairs._make(column[rows] for column in self)
 
     def joined(self, more: TrajectoryPairs) -> TrajectoryPairs:
-        """Union with other pairs, sorted by truth, track and time."""
+        """Return the rows of both objects, sorted by target, track and time."""
         both = TrajectoryPairs._make(np.concatenate(columns) for columns in zip(self, more, strict=True))
         return both.take(np.lexsort((both.time, both.track, both.truth)))
 
 
 class TrajectoryPieces(NamedTuple):
-    """Time pieces of pairs between the time steps at which their targets or tracks are fixed.
+    """Pieces of time of target-track pairs: between the frames in which the target or the track is in a fixed pair.
 
     Attributes:
-        truth: (n,) number of the target in its piece of time: pieces with the same one share it.
-        track: (n,) the same of the track.
+        truth: (n,) number of the target's piece of time; entries with equal numbers share the capacity of the target.
+        track: (n,) number of the track's piece of time.
         begin: (n,) first frame.
         end: (n,) frame after the last.
-        before: (n,) weight of the pair before it: 0, 1 or `OPEN`.
-        behind: (n,) weight of the pair behind it.
+        before: (n,) weight of the pair before the piece: 0, 1 or `OPEN`.
+        behind: (n,) weight of the pair after the piece: 0, 1 or `OPEN`.
         first: (n,) first row of `TrajectoryPairs` in it.
         last: (n,) row after the last.
-        pin_before: (n,) pin of the pair itself that it begins behind; -1: none.
-        pin_behind: (n,) pin of the pair itself that it ends at; -1: none.
-        target: (n,) the target itself.
-        partner: (n,) the track itself.
+        pin_before: (n,) index of the fixed segment of the pair itself after which the piece begins; -1: none.
+        pin_behind: (n,) index of the fixed segment of the pair itself at which the piece ends; -1: none.
+        target: (n,) the target.
+        partner: (n,) the track.
         final: (n,) whether no row that comes later can be in the target's or in the track's piece of time.
         kind: (n,) `FREE`, `CHANGE` or `NOTHING`.
     """
@@ -85,11 +88,14 @@ class TrajectoryPieces(NamedTuple):
     kind: Ints
 
     def take(self, rows: Ints | Bools) -> TrajectoryPieces:
-        """Select pieces by a mask or indices."""
+        """Return the pieces selected by a mask or by indices, as a copy."""
         return TrajectoryPieces._make(column[rows] for column in self)
 
     def blocks(self) -> Iterator[Ints]:
-        """Groups of pieces that must be solved together."""
+        """Generate groups of pieces that must be solved together, as indices of the pieces.
+
+        Two pieces are in one group if they share a target's or a track's piece of time, also indirectly.
+        """
         if not len(self.truth):
             return
         targets = int(self.truth.max()) + 1
@@ -101,15 +107,15 @@ class TrajectoryPieces(NamedTuple):
 
 
 class FixedPairs(NamedTuple):
-    """Time segments in which a pair is fixed (present in every integral solution), in any order.
+    """Segments of time in which a pair is fixed (present in every integral solution), in any order.
 
     Attributes:
         truth: (n,) target.
         track: (n,) track.
         first: (n,) first frame.
         last: (n,) last frame.
-        before: (n,) whether the pair's piece of time that ends here is done.
-        behind: (n,) whether that which begins here is done.
+        before: (n,) whether the pair's piece of time that ends at this segment has been processed.
+        behind: (n,) whether the pair's piece of time that begins after this segment has been processed.
     """
 
     truth: Ints
@@ -121,12 +127,19 @@ class FixedPairs(NamedTuple):
 
     @classmethod
     def of(cls, truth: Ints, track: Ints, first: Ints, last: Ints) -> FixedPairs:
-        """Create segments of pairs with `before` and `behind` False; all arguments are (n,), see the attributes."""
+        """Return segments of pairs, with `before` and `behind` False.
+
+        Args:
+            truth: (n,) targets.
+            track: (n,) tracks.
+            first: (n,) first frames.
+            last: (n,) last frames.
+        """
         no = np.zeros(len(truth), dtype=np.bool_)
         return cls(truth, track, first, last, no, no.copy())
 
     def by(self, key: Ints) -> dict[int, Ints]:
-        """Indices of the segments of each target (or track), in the order of time.
+        """Return the indices of the segments of each target (or track) in the order of time, by number of the target.
 
         `key` (n,) is the target (or track) of each segment.
         """
@@ -136,7 +149,10 @@ class FixedPairs(NamedTuple):
 
 
 class FixedSegments(NamedTuple):
-    """Segments of rows of a pair in which it is fixed."""
+    """Segments of consecutive rows of `TrajectoryPairs` in which the pair is fixed, and properties of all n rows.
+
+    A run is a sequence of rows of a pair between which neither of the two is within the cutoff of any other.
+    """
 
     first: Ints  # (k,) first row of `TrajectoryPairs`
     last: Ints  # (k,) last row
@@ -146,20 +162,23 @@ class FixedSegments(NamedTuple):
     gained: Floats  # (n,) what the run of rows of the pair has gained, this row included
 
     def pins(self, pairs: TrajectoryPairs) -> FixedPairs:
-        """Return the segments with targets, tracks and frames in place of rows of `pairs`."""
+        """Return the segments with targets, tracks and frames in place of indices of rows of `pairs`."""
         return FixedPairs.of(
             pairs.truth[self.first], pairs.track[self.first], pairs.time[self.first], pairs.time[self.last]
         )
 
 
 def sure_segments(pairs: TrajectoryPairs, most: float, switch: float, known: Ints | None = None) -> FixedSegments:
-    """Find rows in which a pair is fixed, i.e. present in every integral solution.
+    """Return the segments of rows in which a pair is fixed, i.e. present in every integral solution.
+
+    A row is fixed if target and track are within the cutoff of no other, and its run gains at least three switches up
+    to the row and from the row on.
 
     Args:
-        pairs: rows that meet.
-        most: c^p.
-        switch: gamma^p.
-        known: (n,) of rows of which it is known already 1 or 0, of the others -1; None: of all.
+        pairs: n rows within the cutoff, sorted by pair, then by time.
+        most: c^p, power of the cutoff.
+        switch: gamma^p, price of a change of track.
+        known: (n,) 1 or 0 for rows that were decided before (fixed or not), -1 for others; None: -1 for all.
     """
     n = len(pairs.time)
     goes_on, alone = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
@@ -188,22 +207,25 @@ def sure_segments(pairs: TrajectoryPairs, most: float, switch: float, known: Int
 
 
 def enough_gain(switch: float) -> float:
-    """Gain that a pair needs before and after a row to be fixed: three switches; `switch` is gamma^p."""
+    """Return the gain, a sum of c^p - d^p, that a pair needs before and after a row to be fixed: 3 gamma^p.
+
+    `switch` is gamma^p, the price of a change of track.
+    """
     return 3.0 * switch * (1.0 + 1e-9)
 
 
 def pieces_of(
     pairs: TrajectoryPairs, pins: FixedPairs, frames: int, over: tuple[Bools, Bools] | None = None
 ) -> TrajectoryPieces:
-    """Time pieces of all pairs, between the fixed segments of their targets and tracks.
+    """Return the pieces of time of all pairs, between the fixed segments of their targets and tracks.
 
     Pieces without a row and without weight before or after, and processed pieces, are omitted.
 
     Args:
-        pairs: rows that meet, sorted by pair, then by time; rows within pins may be omitted.
-        pins: segments in which pairs are sure.
+        pairs: rows within the cutoff, sorted by pair, then by time; rows within fixed segments may be omitted.
+        pins: segments in which pairs are fixed.
         frames: number of all frames.
-        over: of each target and of each track whether all its rows are there; None: all are.
+        over: of each target and of each track whether all its rows have been added; None: all have.
     """
     by_truth, by_track = pins.by(pins.truth), pins.by(pins.track)
     undone = ~(pins.before & pins.behind)
@@ -247,12 +269,12 @@ _BITS = 31
 
 
 def _code(truth: Ints, track: Ints) -> Ints:
-    """(n,) integers that stand for pairs (truth, track), each (n,), and sort like them."""
+    """Return integers (n,) that represent pairs of target `truth` and track `track`, (n,) each, and sort like them."""
     return (truth << _BITS) | track
 
 
 def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
-    """(n,) mask of the fixed segments that are the last before pieces, or the first after them."""
+    """Return the (n,) mask of the fixed segments `pins` that are the last before, or the first after, any piece."""
     needed = np.zeros(len(pins.first), dtype=np.bool_)
     for key, owner in ((pins.truth, pieces.target), (pins.track, pieces.partner)):
         own = pins.by(key)
@@ -267,10 +289,7 @@ def delimiters(pieces: TrajectoryPieces, pins: FixedPairs) -> Bools:
 
 
 class _Program(NamedTuple):
-    """Unknowns of one piece after another, in the order of time.
-
-    Each is the weight of the pair in a frame in which it is within the cutoff, or over a segment of other frames.
-    """
+    """Unknowns of pieces that are solved together: weights of pairs, piece by piece in the order of time."""
 
     piece: Ints  # (n,) position of the piece among those that are solved together
     start: Ints  # (n,) first frame
@@ -278,7 +297,14 @@ class _Program(NamedTuple):
 
 
 def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
-    """Unknowns of pieces that are solved together: rows within the cutoff, and the segments of frames between them."""
+    """Return the unknowns of pieces that are solved together.
+
+    They are the weights of rows within the cutoff, and of the segments of frames between them.
+
+    Args:
+        pairs: rows within the cutoff.
+        pieces: pieces to be solved together.
+    """
     found: list[tuple[int, int, int]] = []
     for number, (begin, end, first, last) in enumerate(
         zip(*(column.tolist() for column in (pieces.begin, pieces.end, pieces.first, pieces.last)), strict=True)
@@ -295,17 +321,19 @@ def _unknowns(pairs: TrajectoryPairs, pieces: TrajectoryPieces) -> _Program:
 
 
 def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch: float, weights: Floats) -> float:
-    """Solve the linear program of pieces: write the weights of the rows, and return the sum of all switches.
+    """Solve the linear program of pieces: write the weights of the rows, and return the total change of all weights.
+
+    The total is the sum of |W_t+1 - W_t| over pairs and frames; one complete change of track counts 2.
 
     Args:
-        pairs: rows that meet.
-        pieces: that share targets or tracks.
-        most: c^p.
-        switch: gamma^p.
-        weights: (n,) of all rows, in which those of the pieces are put.
+        pairs: rows within the cutoff.
+        pieces: pieces that share targets or tracks, all of kind `FREE`.
+        most: c^p, power of the cutoff.
+        switch: gamma^p, price of a change of track.
+        weights: (n,) weights of all rows; those of the pieces' rows are set in place.
 
     Raises:
-        RuntimeError: the linear program has no solution, which cannot be.
+        RuntimeError: the solver found no solution.
     """
     program = _unknowns(pairs, pieces)
     n = len(program.piece)
@@ -346,7 +374,7 @@ def solve(pairs: TrajectoryPairs, pieces: TrajectoryPieces, most: float, switch:
 
 
 def _capacity(program: _Program, pieces: TrajectoryPieces) -> csr_array:
-    """(R, n) sparse matrix of the constraints that weights of a target, or of a track, in one frame sum to at most 1.
+    """Return the (R, n) sparse constraints: the weights of a target, or of a track, in one frame sum to at most 1.
 
     Args:
         program: the n unknowns (weights).
@@ -429,7 +457,7 @@ class TrajectoryCosts:
         self._finished = False
 
     def update(self, frames: MatchedFrames, first: int, over: tuple[Bools, Bools] | None = None) -> None:
-        """Add frames; target and track numbers are the same in all parts.
+        """Add frames, in the order of time; target and track numbers are the same in all parts.
 
         Args:
             frames: truth and tracks.
@@ -451,7 +479,7 @@ class TrajectoryCosts:
         self._changes.merge(other._changes)
 
     def _finish(self) -> None:
-        """Solve the remaining pieces, after all frames were added."""
+        """Solve all pieces of time that are left, since no frame can be added any more; a second call has no effect."""
         if self._finished:
             return
         targets, tracks = self._over
@@ -460,7 +488,7 @@ class TrajectoryCosts:
         self._solve()
 
     def result(self) -> TrajectoryGospa:
-        """Metric of all frames; none can be added afterwards."""
+        """Return the trajectory GOSPA of all frames; none can be added afterwards."""
         self._finish()
         half, weight = 0.5 * self._most, self._weight.value
         n, m = self._rows.tolist()
@@ -468,7 +496,13 @@ class TrajectoryCosts:
         return TrajectoryGospa(sum(parts), *parts, self._p)
 
     def _tell_sure(self, new: TrajectoryPairs) -> None:
-        """Add the costs of fixed rows, and separate others that may become fixed from those that will not."""
+        """Classify the rows of further frames: fixed rows, rows that may become fixed later, and rows that will not.
+
+        The costs of fixed rows are added; the others are kept, the last kind for the linear programs.
+
+        Args:
+            new: rows within the cutoff of further frames, sorted by pair, then by time.
+        """
         rows = TrajectoryPairs._make(
             np.concatenate(column) for column in zip(self._runs, self._later, new, strict=True)
         )
@@ -508,7 +542,10 @@ class TrajectoryCosts:
         self._runs, self._sure = kept._replace(cost=self._most - sure.gained[keep]), sure.rows[keep].astype(np.int64)
 
     def _solve(self) -> None:
-        """Solve the pieces that no later frame can change, and drop them."""
+        """Solve the linear programs of the pieces of time that no later frame can change.
+
+        Their costs are added to the sums, and their rows and fixed segments are dropped.
+        """
         pieces = pieces_of(self._loose, self._pins, self._frames, self._over)
         done = np.zeros(len(pieces.final), dtype=np.bool_)
         done[(pieces.kind != FREE) & pieces.final] = True
@@ -549,7 +586,7 @@ class TrajectoryCosts:
 
 
 def trajectory_gospa(frames: MatchedFrames, cutoff: float, switch: float, p: float = 2.0) -> TrajectoryGospa:
-    """Compute trajectory GOSPA of all frames.
+    """Return the trajectory GOSPA of all frames.
 
     With W_t(i, j) >= 0 the weight with which target i has track j in frame t, sums over j and over i at most 1, it is
     the minimum over W of
@@ -577,13 +614,13 @@ def trajectory_gospa(frames: MatchedFrames, cutoff: float, switch: float, p: flo
 
 
 def rows_within_cutoff(frames: MatchedFrames, cutoff: float, p: float, first: int = 0) -> TrajectoryPairs:
-    """Rows of pairs closer than the cutoff, sorted by target, track and frame.
+    """Return the rows of targets and tracks that are closer than the cutoff, sorted by target, track and frame.
 
     Args:
         frames: truth and tracks.
-        cutoff: of the distance.
+        cutoff: distance below which a row is included.
         p: the cost of a row is the distance to this power.
-        first: number of frames before these.
+        first: number of the first frame, i.e. how many frames came before.
     """
     none = np.zeros(0, dtype=np.int64)
     found = [(none, none, none, np.zeros(0))]

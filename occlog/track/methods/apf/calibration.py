@@ -55,9 +55,10 @@ MAX_INITIAL_SCANS = 1000
 
 
 class StatedSensors(NamedTuple):
-    """The S sensors (cameras, then arrays) with poses as stated: packed, their noise, ground positions and yaw [rad].
+    """The S sensors of a scene (cameras, then arrays) with their poses as stated in the scene, in the kernels' form.
 
-    `read_px` is the reading noise of the cameras [px].
+    `noise` has the errors of the stated poses, `positions` (S, 2) and `yaw` (S,) [rad] the poses on the ground,
+    `read_px` (S,) the reading noise of the cameras [px].
     """
 
     scene: Scene
@@ -70,7 +71,7 @@ class StatedSensors(NamedTuple):
 
 
 class InitialPhase(NamedTuple):
-    """Labelled bearings and position estimates (2,) of the scans so far, collected until `until_ns`."""
+    """Data collected until time `until_ns` for an initial calibration: bearings and the filter's positions, by scan."""
 
     until_ns: int | None  # None: not begun
     scans: tuple[LabelledBearings, ...]
@@ -78,7 +79,11 @@ class InitialPhase(NamedTuple):
 
 
 class PoseCalibration(NamedTuple):
-    """Estimated pose errors of the sensors, and the sensors corrected for them."""
+    """State of the estimation of pose errors: belief about the errors, and the sensors corrected by them.
+
+    `packed` (S, 3) are the errors (dx, dy, dyaw [rad]) by which `sensors` were corrected; `follows` (2, 3 S) is the
+    derivative of the filter's position estimate by all pose errors.
+    """
 
     stated: StatedSensors
     belief: PoseErrorBelief
@@ -90,9 +95,9 @@ class PoseCalibration(NamedTuple):
 
     @property
     def converged(self) -> bool:
-        """Return whether corrections are applied.
+        """Return whether corrections are applied: any initial phase is over, and constant errors explain the bearings.
 
-        Pose errors were estimated and explain the residuals better than noise.
+        Their log-odds against errors drawn independently at every scan must exceed `MIN_LOG_ODDS`.
         """
         return self.phase is None and self.belief.log_odds > MIN_LOG_ODDS
 
@@ -100,14 +105,14 @@ class PoseCalibration(NamedTuple):
 def begin(
     scene: Scene, noise: MeasurementNoise, read_px: Floats, sensors: Sensors, mode: str
 ) -> PoseCalibration | None:
-    """Initial pose calibration, before the first scan; None in mode `none`.
+    """Return the pose calibration before the first scan; None in mode `none`.
 
     Args:
         scene: the sensors as stated.
         noise: errors of the stated poses and focal lengths, from `pack_noise` of the scene.
-        read_px: (S,) read noise [px], from `read_noise` of the scene.
+        read_px: (S,) reading noise [px], from `read_noise` of the scene.
         sensors: positions and fields of view, from `pack_sensors` of the scene.
-        mode: `none`, `joint` or `initial`.
+        mode: `none`; `joint`: estimated with the track; `initial`: estimated at the start only.
     """
     if mode == "none":
         return None
@@ -121,9 +126,14 @@ def begin(
 def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tuple[Sensors, MeasurementNoise]:
     """Return the sensors with corrected poses, and the noise model with what remains uncertain about the poses.
 
-    Where the particles `xy` (L, 2) with `weights` (L,) are near together, the variance of a bearing to them goes into
-    the yaw's variance, for any covariance of the errors; elsewhere Eq. 2 has the greatest variance of position in any
-    direction. While nothing is corrected (`converged`), both are as stated.
+    Where the particles are near together as seen from a sensor, the variance of a bearing to them is put into the yaw's
+    variance; elsewhere the position's variance is the largest in any direction ([Ercan] Eq. 2). While nothing is
+    corrected (`converged` is false), both are as stated.
+
+    Args:
+        calibration: calibration before the scan.
+        xy: (L, 2) positions of the particles.
+        weights: (L,) weights of the particles, sum 1.
     """
     if not calibration.converged:
         return calibration.stated.sensors, calibration.stated.noise
@@ -143,10 +153,10 @@ def corrected(calibration: PoseCalibration, xy: Floats, weights: Floats) -> tupl
 
 
 def corrected_scan(calibration: PoseCalibration, packed: PackedScan) -> PackedScan:
-    """Return the packed scan with bearings turned by the estimated yaw errors and variances scaled by `belief.scale`.
+    """Return the packed scan with bearings turned by the estimated yaw errors and with scaled variances.
 
-    Pixels are not turned, since they are read from the corrected axis. While nothing is corrected, `packed` is
-    returned.
+    The factor is `PoseErrorBelief.scale`. Pixels are not turned, since they are measured from the corrected optical
+    axis. While nothing is corrected, `packed` itself is returned.
     """
     if not calibration.converged:
         return packed
@@ -158,13 +168,15 @@ def corrected_scan(calibration: PoseCalibration, packed: PackedScan) -> PackedSc
 def updated_calibration(
     calibration: PoseCalibration, scan: Scan, estimate: Estimate, seconds: float
 ) -> tuple[PoseCalibration, Estimate]:
-    """Update of the sensors' errors by a scan, and the estimate with what they add to its covariance.
+    """Return the calibration updated with a scan, and the estimate with what pose errors add to its covariance.
+
+    The estimate also gets the pose errors with their standard deviations.
 
     Args:
         calibration: calibration before the scan.
-        scan: only its labelled bearings count.
+        scan: only its labelled bearings are used.
         estimate: estimate of the filter after the scan.
-        seconds: length of the initial phase.
+        seconds: length of the initial phase [s].
     """
     sights = _sights(scan, calibration.stated)
     after = _follow(calibration, sights, estimate)
@@ -182,12 +194,12 @@ def updated_calibration(
 def _gather(
     calibration: PoseCalibration, sights: LabelledBearings, t_ns: int, xy: Floats, seconds: float
 ) -> PoseCalibration:
-    """Return the calibration with a scan added to its initial phase, which ends with a solution after its given length.
+    """Return the calibration with a scan added to its initial phase, or, once that is over, solved for the errors.
 
     Args:
         calibration: calibration before the scan.
         sights: the scan's labelled bearings.
-        t_ns: time of the scan.
+        t_ns: time of the scan [ns].
         xy: (2,) the filter's estimate at that time.
         seconds: length of the phase, from its first scan [s].
     """
@@ -203,10 +215,15 @@ def _gather(
 
 
 def _follow(calibration: PoseCalibration, sights: LabelledBearings, estimate: Estimate) -> PoseCalibration:
-    """Return the calibration with `follows` updated for a scan: the sensitivity of the estimate to pose errors.
+    """Return the calibration with its `follows`, the derivative of the estimate by pose errors, updated for a scan.
 
     The gain of the particle filter is approximated by that of a Kalman filter with the same covariance; outlier
     bearings are taken to have no weight.
+
+    Args:
+        calibration: calibration before the scan.
+        sights: the scan's labelled bearings.
+        estimate: the filter's position and covariance after the scan.
     """
     belief, positions = calibration.belief, calibration.stated.positions
     if not len(sights.sensor) or np.hypot(*(estimate.xy - positions[sights.sensor]).T).min() == 0.0:
@@ -226,7 +243,10 @@ def _follow(calibration: PoseCalibration, sights: LabelledBearings, estimate: Es
 
 
 def _sights(scan: Scan, stated: StatedSensors) -> LabelledBearings:
-    """Return the labelled bearings of a scan, with the stated sensor poses."""
+    """Return the labelled detections of a scan as bearings [rad] by the stated yaw, with the variances of the readings.
+
+    Pixels are converted by the focal length. A variance is at least `MIN_SIGMA` squared.
+    """
     rows = np.flatnonzero(scan.labelled & scan.seen)
     sensor, u = scan.sensor[rows], scan.u_px[rows]
     pixel = np.isfinite(u)
@@ -253,10 +273,10 @@ def _packed(calibration: PoseCalibration) -> PoseCalibration:
 
 
 def corrected_sensors(scene: Scene, errors: Floats) -> Sensors:
-    """Packed sensors of a scene, with cameras moved and turned by `errors` (S, 3): dx, dy, dyaw [rad].
+    """Return the packed sensors of a scene, with cameras moved and turned by `errors` (S, 3): dx, dy, dyaw [rad].
 
-    What hides things from a camera is what hides them at its stated position, but for a wall
-    or a pillar that it would be moved into.
+    Static obstacles hide from a camera what they hide at its stated position, except an obstacle that the camera would
+    be moved into.
     """
     moved = [_moved(c, e) for c, e in zip(scene.cameras, errors, strict=False)]
     walls = [
@@ -267,6 +287,7 @@ def corrected_sensors(scene: Scene, errors: Floats) -> Sensors:
 
 
 def _moved(camera: Camera, error: Floats) -> Camera:
+    """Return a camera moved by dx and dy on the ground and turned by dyaw [rad] about the vertical; `error` is (3,)."""
     yaw, pitch, roll = angles_from_rotation(camera.rotation)
     position = camera.position + np.array([error[0], error[1], 0.0])
     return replace(camera, position=position, rotation=rotation_from_angles(yaw + float(error[2]), pitch, roll))

@@ -248,7 +248,11 @@ class ApfConfig(SmoothingConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rules: probabilities of one choice sum to at most 1, and the spread of `start` is at least 0."""
+        """Generate (setting, whether it fits, limit as text) for limits that involve several values.
+
+        Probabilities of one choice (beta and lambda) sum to at most 1, and the standard deviation in `start` is at
+        least 0.
+        """
         yield "lambda1", self.beta1 + self.lambda1 <= 1.0 + 1e-12, "at most 1 - beta1"
         yield "lambda2", self.beta2 + self.lambda2 <= 1.0 + 1e-12, "at most 1 - beta2"
         yield "start", self.start is None or self.start[2] >= 0, "X,Y,SIGMA, SIGMA >= 0"
@@ -261,7 +265,7 @@ BY_ERROR = ("greedy", "brute-force")
 
 @dataclass(frozen=True)
 class SelectConfig(Settings):
-    """How cameras are selected."""
+    """Settings of the selection of cameras, [Ercan] Sec. 5: policy, number of cameras, interval and camera model."""
 
     OWNER: ClassVar[str] = "select"
 
@@ -306,7 +310,10 @@ class SelectConfig(Settings):
 
 
 def read_selection(values: Mapping[str, Any]) -> SelectConfig:
-    """How cameras are selected, from the fields of a file; InputError for an unknown one or one that does not fit."""
+    """Return the settings of the camera selection from the fields of a file.
+
+    InputError for an unknown key; errors of the values are those of `SelectConfig`.
+    """
     known = [f.name for f in declared(SelectConfig)]
     for name in values:
         if name not in known:

@@ -52,7 +52,11 @@ from .smoother import Trace, record_particles, smooth
 
 
 class ApfState(NamedTuple):
-    """Weighted particles at the time of the last scan; `t_ns` is None before the first."""
+    """State of the filter of one target: weighted particles at the time of the last scan.
+
+    `t_ns` is None before the first scan. `loss_count` is the track-loss counter; `trace` has the smoother's records of
+    the last step, empty without a smoother.
+    """
 
     model: ApfModel
     particles: WaypointParticles
@@ -64,7 +68,7 @@ class ApfState(NamedTuple):
 
 
 def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
-    """State before the first scan: particles around `config.start`, or all over the floor.
+    """Return the state before the first scan: particles around `config.start`, or over the whole floor.
 
     InputError if the scene has no free floor.
     """
@@ -79,8 +83,9 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
 
 
 def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimate]:
-    """The state after a scan and the estimate ([Ercan] Alg. 1 with start, restart and calibration around it).
+    """Return the state after a scan and the estimate of the target, by [Ercan] Alg. 1.
 
+    Around the algorithm there are track initiation and reinitialisation, occluder priors and the calibration of poses.
     ValueError for a scan that is earlier than the last.
     """
     base = model = state.model
@@ -117,7 +122,11 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
 
 
 def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> ApfModel:
-    """The model with what is known about moving occluders; priors of the target itself are omitted."""
+    """Return the model with the position priors of moving occluders at the time of a scan.
+
+    With `own_prior_gate`, priors within that many standard deviations of the target (by `state`) are left out as the
+    target's own. Where no prior has a standard deviation, positions count as known.
+    """
     config = model.config
     if config.own_prior_gate > 0.0 and state.t_ns is not None:
         priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_prior_gate)
@@ -132,10 +141,10 @@ def _with_occluder_priors(model: ApfModel, priors: Priors, state: ApfState) -> A
 
 
 def predict(state: ApfState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Predict the position at a time not before the last scan; the state is not changed.
+    """Return weighted positions predicted for time `t_ns`, not before the last scan; the state is not changed.
 
-    Particles are drawn from the importance density, as [Ercan] Sec. 5 wants them for the
-    selection of cameras.
+    Particles are drawn from the motion model, as [Ercan] Sec. 5 requires for the selection of cameras. No more than
+    `max_gap_s` is predicted. Before the first scan, the initial particles.
     """
     if state.t_ns is None:
         n = len(state.particles.speed)
@@ -145,13 +154,13 @@ def predict(state: ApfState, t_ns: int, rng: Generator) -> ParticleSet:
 
 
 def _updated(state: ApfState, packed: PackedScan, dt: float, rng: Generator) -> tuple[ProposedParticles, Trace] | None:
-    """Return the weighted particles at the time of a scan, and the smoother records; None if no particle agrees.
+    """Return weighted particles at the time of a scan and the smoother's records; None if no particle agrees with it.
 
-    Time is predicted in steps no longer than the reference step; before the first scan, initial particles are
-    resampled.
+    The time is predicted in steps no longer than the reference step, of which the last uses the scan. At the first scan
+    the initial particles are resampled.
 
     Args:
-        state: at the last scan, not changed.
+        state: state at the last scan, not changed.
         packed: the scan.
         dt: time since the last scan [s].
         rng: generator of the random numbers drawn.
@@ -174,16 +183,20 @@ def _updated(state: ApfState, packed: PackedScan, dt: float, rng: Generator) -> 
 
 
 def _last(model: ApfModel, draw: ProposedParticles, dt: float) -> Trace:
-    """Return the smoother's record of a step of `dt` [s] that ended at a scan, as a tuple; empty without a smoother."""
+    """Return the smoother's record of the step of `dt` [s] that ended at a scan, in a tuple.
+
+    The tuple is empty if no smoothing is configured.
+    """
     if not model.config.smoothed:
         return ()
     return (record_particles(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
 
 
 def _begin(model: ApfModel, packed: PackedScan, reason: str, rng: Generator) -> tuple[ProposedParticles, Trace]:
-    """Return newly initialised particles with `reason` as their `fallback`, and the smoother's records.
+    """Return reinitialised particles with `reason` as their `fallback`, and the smoother's record of them.
 
-    They are drawn over the whole floor, or, in a scene without a room, from the scan `packed`.
+    They are drawn over the whole floor, or, without a room and without measured distances, along the bearings of
+    `packed`.
     """
     draw = reinitialise(model, packed, rng)._replace(fallback=reason)
     return draw, _last(model, draw, 0.0)
@@ -192,10 +205,14 @@ def _begin(model: ApfModel, packed: PackedScan, reason: str, rng: Generator) -> 
 def _track_loss(state: ApfState, draw: ProposedParticles, packed: PackedScan) -> tuple[int, bool]:
     """Return the track-loss counter after a scan, and whether the track is lost (the counter is then 0).
 
-    A report speaks against it if the target should be elsewhere; a scan counts for two
-    reports at most, either way.  A single sensor may speak: a filter that is lost among
-    people who hide the target seldom has two at once.  False reports come seldom enough in
-    a row not to add up.
+    The counter grows by the labelled reports and distances that contradict the likeliest particle, less those that
+    agree, by at most 2 a scan. A single sensor suffices: a filter that is lost among people who hide the target seldom
+    has two at once.
+
+    Args:
+        state: state before the scan, with the counter so far.
+        draw: particles after the scan.
+        packed: the scan.
     """
     reports = packed.labelled & (np.diff(packed.first) > 0)
     # Gate: which reports agree with the likeliest particle
@@ -218,6 +235,11 @@ def _track_loss(state: ApfState, draw: ProposedParticles, packed: PackedScan) ->
 
 
 def _estimate(model: ApfModel, draw: ProposedParticles, packed: PackedScan) -> Estimate:
+    """Return the estimate of a scan: weighted mean and covariance of the particles, and sensors that saw the target.
+
+    With an effective sample size below `MIN_EFFECTIVE_SAMPLE_SIZE` the covariance is widened, and `fallback` is
+    `depleted` if it was empty.
+    """
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
     size, fallback = min(effective_sample_size(draw.weights), draw.effective), draw.fallback
     if size < MIN_EFFECTIVE_SAMPLE_SIZE:
@@ -239,16 +261,16 @@ def _as_estimate(
     packed: PackedScan,
     seen: Bools,
 ) -> Estimate:
-    """Return the estimate of a scan.
+    """Return the estimate of a scan from its parts; velocity and log-likelihood are those of the particles.
 
     Args:
-        draw: weighted particles, which give velocity and log-likelihood.
+        draw: weighted particles after the scan.
         mean: (2,) position.
         covariance: (2, 2) covariance of the position.
         ess: effective sample size of the particles.
         fallback: reason why the estimate is doubtful; empty: none.
         packed: the scan; all K of its sensors count as used.
-        seen: (K,) sensors that detected the target.
+        seen: (K,) whether a sensor detected the target.
     """
     return Estimate(
         xy=mean,

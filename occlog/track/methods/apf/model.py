@@ -48,11 +48,13 @@ MIN_SIGMA = 1e-9
 
 
 def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) -> Sensors:
-    """Positions, fields of view and walls of all sensors; sound goes past walls and comes from everywhere.
+    """Return positions, fields of view and walls of all sensors of a scene as arrays, cameras first.
+
+    Microphone arrays hear in all directions and past walls.
 
     Args:
         scene: cameras and arrays.
-        walls: what hides things from each camera; None: by the camera's position in the scene.
+        walls: polygons that hide things from each camera; None: the scene's static obstacles.
     """
     cameras, arrays = scene.cameras, scene.arrays
     if walls is None:
@@ -68,7 +70,10 @@ def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) 
 
 
 def pack_noise(scene: Scene) -> MeasurementNoise:
-    """Return calibration noise and image widths of all sensors as arrays."""
+    """Return pose errors, focal lengths and image widths of all sensors as arrays, cameras first; 0 for arrays.
+
+    The range of values of an array's bearing is 2 pi rad.
+    """
     cameras, none = scene.cameras, [0.0] * len(scene.arrays)
     focal = [float(c.focal_px[0]) for c in cameras]
     fov = [c.fov for c in cameras]
@@ -84,19 +89,19 @@ def pack_noise(scene: Scene) -> MeasurementNoise:
 
 
 def read_noise(scene: Scene) -> Floats:
-    """(S,) standard deviation [px] of a reading that does not bring its own."""
+    """Return (S,) standard deviations [px] of pixel measurements that do not state their own; 0 for arrays."""
     return np.array([c.sigma_read_px for c in scene.cameras] + [0.0] * len(scene.arrays), dtype=np.float64)
 
 
 def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
-    """Pack the sensor reports of a scan for the likelihood kernels.
+    """Return the detections of a scan in the form of the likelihood kernels, by sensor.
 
-    Cameras count by pixels, with Eq. 2's variance; a bearing without pixels by its own sigma,
-    which is taken to hold everything.
+    Detections with pixels count as pixels, with the variance of [Ercan] Eq. 2; others as bearings with their own sigma,
+    which is taken to include pose errors.
 
     Args:
         scan: rows by sensor.
-        read_px: (S,) from `read_noise`, for rows without `sigma_px`.
+        read_px: (S,) reading noise from `read_noise`, for rows without `sigma_px`.
         use_score: weigh candidates by their score, where they have one.
     """
     start = np.flatnonzero(np.diff(scan.sensor, prepend=-1))
@@ -118,13 +123,13 @@ def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
 
 
 def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> DetectionModel:
-    """Probabilities of detection and of false reports of all sensors.
+    """Return the probabilities of detection and of false alarms of all sensors.
 
     Args:
-        scene: a camera's own probabilities come before those of the configuration.
+        scene: a camera's own probabilities take precedence over those of the settings.
         config: settings of the method.
-        informed: there are priors of the moving occluders, so "not seen" means something
-            also where no probability of detection is given.
+        informed: there are priors of the moving occluders, so that a missed detection is information even where no
+            probability of detection is given.
     """
     hit, miss, false, candidate = [], [], [], []
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
@@ -145,10 +150,10 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
 
 
 def with_distances(estimate: Estimate, measured: RangeMeasurements) -> Estimate:
-    """Return the estimate with its residuals of distance measurements.
+    """Return the estimate with the residuals of distance measurements at its position, and the stations that were used.
 
-    They are at the position `xy`: normalised residuals, their variances expected after the fit, and the probability of
-    each measurement to be no false one.
+    The residuals are normalised by the standard deviations stated; their expected variances after the fit and the
+    probabilities that measurements are not false are added.
     """
     linearised = linearise(measured, estimate.xy[None])
     residual, gradient = linearised.residual[0], linearised.gradient[0]
@@ -176,10 +181,11 @@ MAX_DESTINATION_S = 10.0
 
 
 def max_destination_distance(scene: Scene, speed: float) -> float:
-    """How far a new destination is from a target, in a scene without a room.
+    """Return the largest distance of a new destination from a target, in a scene without a room.
 
-    Half the extent of the sensors, or `MAX_DESTINATION_S` at the speed of new particles if that is more.  Destinations
-    all over a region that reaches much farther on one side would nearly all lie in that direction.
+    It is half the diagonal of the sensors' surroundings, or the way in `MAX_DESTINATION_S` at `speed` (of new
+    particles) if that is more. Destinations all over a region that reaches farther on one side would nearly all lie in
+    that direction.
     """
     return max(0.5 * float(np.hypot(*np.ptp(scene.surroundings, axis=0))), MAX_DESTINATION_S * speed)
 
@@ -187,13 +193,13 @@ def max_destination_distance(scene: Scene, speed: float) -> float:
 def sight_lines(
     packed: PackedScan, sensors: Sensors, noise: MeasurementNoise, prior: ViewPrior
 ) -> ScanDirectionsInPlane:
-    """The n directions of a scan's measurements in the plane, with errors of reading, yaw and position ([Ercan] Eq. 2).
+    """Return the directions of a scan's n measurements in the plane, with errors of reading and pose ([Ercan] Eq. 2).
 
     Args:
         packed: the scan.
-        sensors: positions, fields of view and walls of all S sensors.
+        sensors: positions and axes of all S sensors.
         noise: errors of their poses and focal lengths.
-        prior: gives how far each sensor sees.
+        prior: states how far each sensor sees.
     """
     i = np.repeat(packed.sensor, np.diff(packed.first))
     f, yaw = np.where(packed.pixel, noise.focal_px[i], 1.0), np.arctan2(sensors.axis[i, 1], sensors.axis[i, 0])
@@ -214,7 +220,7 @@ OCCLUDER_SUPPORT_SIGMAS, OCCLUDER_SUPPORT_SIGMAS_STAGE1 = 5.5, 3.5
 
 
 class ApfModel(NamedTuple):
-    """Scene and settings in the form of the kernels; priors of moving occluders are those of one scan."""
+    """Scene and settings in the form of the kernels, with the occluder priors and distances of one scan."""
 
     config: ApfConfig
     floor: Floor
@@ -232,7 +238,7 @@ class ApfModel(NamedTuple):
 
 
 def make_model(scene: Scene, config: ApfConfig) -> ApfModel:
-    """Return the constants of the filter for a scene, before the first scan."""
+    """Return scene and settings in the form of the kernels, before the first scan."""
     return ApfModel(
         config=config,
         floor=make_floor(scene.region, [o.polygon for o in scene.occluders]),
@@ -249,7 +255,7 @@ def make_model(scene: Scene, config: ApfConfig) -> ApfModel:
 
 
 def motion_of(config: ApfConfig) -> WaypointModel:
-    """Return the waypoint motion model with the parameters that the settings give."""
+    """Return the parameters of the waypoint motion model that the settings state."""
     return WaypointModel(
         reference_s=config.reference_step_s,
         sigma=config.process_noise_position,
@@ -286,14 +292,14 @@ def likelihood(
     *,
     anywhere: bool = False,
 ) -> Floats:
-    """(L,) log f(Z|u) at (L, 2) positions ([Ercan] Eq. 6).
+    """Return (L,) log-likelihoods of a scan at L positions, [Ercan] Eq. 6; -inf off the floor.
 
     Args:
-        model: scene and settings.
+        model: scene, settings, occluder priors and distances of the scan.
         xy: (L, 2) positions.
         packed_scan: the scan.
-        far: standard deviations at which a prior of an occluder counts as over.
-        anywhere: positions that are not on the floor are possible, too.
+        far: standard deviations beyond which the prior of an occluder counts as 0.
+        anywhere: positions off the floor are possible, too.
     """
     free = np.ones(len(xy), dtype=np.bool_) if anywhere else on_floor(xy, *model.floor)
     packed = packed_scan, model.sensors, model.noise, model.detection, free
@@ -306,9 +312,10 @@ def likelihood(
 
 
 def evidence(model: ApfModel, packed: PackedScan) -> tuple[Ints, Floats]:
-    """Return a scan's measurements for `importance.adapt`: `first` (K + 1,) by sensor report and `rows` (M, 12).
+    """Return a scan's measurements for `importance.adapt`: `first` (K + 1,) and parameters `rows` (M, 12).
 
-    Bearings and pixels come first; measurements of distances, if there are any, follow as reports of their own.
+    Measurements of report k are rows first[k] to first[k + 1] - 1. Bearings and pixels come first, by sensor; each
+    measurement of a distance follows as a report of its own.
     """
     rows = importance.measurements(packed, model.sensors, model.noise, model.detection)
     if model.measured is None:

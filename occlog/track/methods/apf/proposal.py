@@ -47,7 +47,11 @@ effective number falls by a tenth in such a step.
 
 
 class ProposedParticles(NamedTuple):
-    """Particles at the time of a scan, and how they came to be."""
+    """Weighted particles at the time of a scan, with the log-likelihood of the scan and how they were drawn.
+
+    `fallback` is empty, or names what went wrong: `sir`, `restart` or `gap`. `parents` are None for particles that were
+    drawn without regard to earlier ones.
+    """
 
     particles: WaypointParticles
     weights: Floats  # (L,) sum 1
@@ -61,18 +65,18 @@ class ProposedParticles(NamedTuple):
 def auxiliary_step(
     model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
-    """One step of the filter over a time of at most one reference step.
+    """Return particles moved to the time of a scan and weighted by it, in one step of at most one reference step.
+
+    The importance density is that of the setting `proposal`; `bootstrap` if `dt` is 0. The log-likelihood is -inf if no
+    particle agrees with the scan.
 
     Args:
         model: scene and settings.
-        particles: L of them, a time dt before the scan.
+        particles: L particles, a time dt before the scan.
         weights: (L,) weights of the particles, sum 1.
         packed: the scan.
-        dt: [s], > 0.
+        dt: time from the particles to the scan [s], >= 0.
         rng: generator of the random numbers drawn.
-
-    Returns:
-        Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
     """
     if model.config.proposal == "adapted" and dt > 0.0:
         return _adapted_step(model, particles, weights, packed, dt, rng)
@@ -82,14 +86,17 @@ def auxiliary_step(
 def _bootstrap_step(
     model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
-    """Return the particles at the time of a scan by [Ercan] Alg. 1 as printed, but for the parent's weight in stage 2.
+    """Return particles at the time of a scan by [Ercan] Alg. 1, drawn from the motion model alone.
+
+    Stage 1 chooses parents by the likelihood at their expected positions; stage 2 divides by the stage-1 weight of the
+    parent.
 
     Args:
         model: scene and settings.
-        particles: L of them, a time dt before the scan.
+        particles: L particles, a time dt before the scan.
         weights: (L,) weights of the particles, sum 1.
         packed: the scan.
-        dt: [s], at most one reference step.
+        dt: time from the particles to the scan [s], at most one reference step.
         rng: generator of the random numbers drawn.
     """
     config = model.config
@@ -117,14 +124,17 @@ def _bootstrap_step(
 def _adapted_step(
     model: ApfModel, particles: WaypointParticles, weights: Floats, packed: PackedScan, dt: float, rng: Generator
 ) -> ProposedParticles:
-    """Return the particles at the time of a scan by [Ercan] Alg. 1 with Laplace-approximated hypotheses of the motion.
+    """Return particles at the time of a scan, drawn from Laplace approximations of each particle's posterior.
+
+    Each particle has three hypotheses: it goes on, changes its destination, or waits. Stage 1 of the auxiliary particle
+    filter chooses among the hypotheses of all particles by their predictive likelihood.
 
     Args:
         model: scene and settings.
-        particles: L of them, a time dt before the scan.
+        particles: L particles, a time dt before the scan.
         weights: (L,) weights of the particles, sum 1.
         packed: the scan.
-        dt: [s], > 0 and at most one reference step.
+        dt: time from the particles to the scan [s], > 0 and at most one reference step.
         rng: generator of the random numbers drawn.
     """
     config, L, n = model.config, len(weights), model.config.particles
@@ -180,13 +190,11 @@ def _adapted_step(
 
 
 def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floats, str]:
-    """Return (M,) weights of stage 1, of sum 1, and the fallback: `sir` if no expected state agrees with the scan.
-
-    Otherwise the fallback is empty.
+    """Return (M,) stage-1 weights of sum 1, and the fallback: `sir` if no expected state agrees with the scan, else "".
 
     Args:
         log_weights: (M,) log of prior weight times expected likelihood.
-        prior: (M,) weights by the motion alone, of sum 1; they replace the former in case of `sir`.
+        prior: (M,) weights by the motion alone, of sum 1; used instead of `log_weights` in case of `sir`.
         defensive: share of `prior` in the result, 0 to 1.
     """
     first, log_sum = normalise_log_weights(log_weights)
@@ -197,15 +205,20 @@ def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floa
 
 
 def _even_weights(weights: Floats, chance: Floats) -> Floats:
-    """(3 L,) weights (L,) of particles, shared evenly among the hypotheses of each with a chance (3, L) above 0."""
+    """Return (3 L,) weights of hypotheses: each particle's weight shared evenly among those that are possible.
+
+    Args:
+        weights: (L,) weights of the particles.
+        chance: (3, L) probabilities of the three hypotheses of each particle; possible means above 0.
+    """
     possible = chance > 0.0
     return np.where(possible, weights / possible.sum(axis=0), 0.0).reshape(-1)
 
 
 def drift(model: ApfModel, particles: WaypointParticles, dt: float, rng: Generator) -> WaypointParticles:
-    """Return the particles a time `dt` > 0 [s] later, moved without measurements.
+    """Return the particles a time `dt` > 0 [s] later, drawn from the motion model without measurements.
 
-    Each step is at most a reference step.
+    The time is divided into equal steps of at most a reference step.
     """
     parts = parts_of(dt, model)
     for _ in range(parts):
@@ -215,7 +228,7 @@ def drift(model: ApfModel, particles: WaypointParticles, dt: float, rng: Generat
 
 
 def parts_of(dt: float, model: ApfModel) -> int:
-    """Return the number of equal sub-steps of a time dt, none longer than the reference step."""
+    """Return the number of equal steps of a time `dt` [s], none longer than the reference step."""
     return max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
 
 
@@ -237,17 +250,20 @@ def times_of_change(model: ApfModel, n: int, rng: Generator) -> Floats:
 
 
 def destinations(model: ApfModel, xy: Floats, rng: Generator) -> Floats:
-    """(n, 2) new destinations of targets at `xy` (n, 2): anywhere in the room, or without one at most `wander` away."""
+    """Return (n, 2) random new destinations of targets at `xy` (n, 2), uniform over the floor of the room.
+
+    In a scene without a room they are at most `model.wander` away from the target.
+    """
     if model.views is None:
         return sample_floor(len(xy), model.floor, rng)
     return sample_near(xy, model.wander, model.floor, rng)
 
 
 def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Generator) -> WaypointParticles:
-    """Return `initial_particle_factor` times the filter's number of particles, before any scan.
+    """Return `particles` * `initial_particle_factor` particles before any scan, with random destinations and speeds.
 
-    They are all over the floor (without a room: the region that sensors see), or, with `start` (x, y, standard
-    deviation), Gaussian about it.
+    Positions are uniform over the floor (without a room: over the region that sensors see), or, with `start` (x, y,
+    standard deviation), Gaussian about it; for the proposal `adapted` a little narrower, as kernels are added later.
     """
     config = model.config
     n = config.particles * config.initial_particle_factor
@@ -262,7 +278,7 @@ def initial_particles(model: ApfModel, start: tuple[float, ...] | None, rng: Gen
 
 
 def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointParticles:
-    """Particles at positions `xy` (L, 2), with random destinations and speeds of new targets."""
+    """Return particles at positions `xy` (L, 2), with random destinations and the random speeds of new targets."""
     particles = waypoint.start_particles(
         xy, model.floor, model.config.initial_speed, model.config.sigma_initial_speed, rng
     )
@@ -270,10 +286,10 @@ def _particles_at(model: ApfModel, xy: Floats, rng: Generator) -> WaypointPartic
 
 
 def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> ProposedParticles:
-    """Return the filter's number of particles at the time of a scan, without regard to earlier ones.
+    """Return the filter's number of particles at the time of a scan, drawn without regard to earlier scans.
 
-    They are all over the floor, or, without a room and without measurements of distances, drawn from the bearings of
-    the scan, and are resampled by the likelihood of `packed`.
+    Positions are drawn over the whole floor, or, without a room and without measurements of distances, along the
+    bearings of the scan; they are then resampled by the likelihood of `packed`.
     """
     if model.views is None or model.measured is not None:
         return select_initial_particles(model, initial_particles(model, None, rng), None, packed, rng)
@@ -286,14 +302,14 @@ def reinitialise(model: ApfModel, packed: PackedScan, rng: Generator) -> Propose
 def select_initial_particles(
     model: ApfModel, particles: WaypointParticles, sigma: float | None, packed: PackedScan, rng: Generator
 ) -> ProposedParticles:
-    """Resample initial particles by their likelihood of the first scan, to the filter's number of particles.
+    """Resample initial particles by their likelihood for the first scan, to the filter's number of particles.
 
-    With the density `adapted` each particle represents a kernel about its position, adapted to the scan as in a step.
+    With the proposal `adapted` each particle represents a kernel about its position, adapted to the scan as in a step.
 
     Args:
         model: scene and settings.
         particles: initial particles, from `initial_particles`.
-        sigma: standard deviation of the start; None: they are all over the floor.
+        sigma: standard deviation of the given start; None: they are spread over the floor.
         packed: the scan.
         rng: generator of the random numbers drawn.
     """
@@ -327,7 +343,7 @@ def _chosen(
     packed: PackedScan,
     rng: Generator,
 ) -> ProposedParticles:
-    """Resample particles by their weights and the likelihood of a scan, to the filter's number of particles.
+    """Resample particles by prior weight times likelihood of a scan, to the filter's number of equally weighted ones.
 
     Args:
         model: scene and settings.

@@ -48,7 +48,11 @@ MAX_PARTICLES = 1000
 
 
 class CameraChoice(NamedTuple):
-    """The N cameras that may be selected, with what is needed to predict what they see; arrays are of all S sensors."""
+    """The N cameras that may be selected, and what is needed to predict what they see.
+
+    `cameras` are their rows in `sensors`, `noise` and `read_px`, which are of all S sensors of the scene; `order` has
+    the same rows in the order of use of the policy `fixed`.
+    """
 
     cameras: tuple[int, ...]  # rows of the sensors
     order: tuple[int, ...]  # the same in the order of use for `fixed`
@@ -60,7 +64,7 @@ class CameraChoice(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """Cameras that were selected and the metric of the set."""
+    """Selected cameras (rows of the sensors, increasing) and the expected mean square error [length^2] with them."""
 
     cameras: tuple[int, ...]  # rows of the sensors, rising
     mse: float
@@ -69,15 +73,18 @@ class Choice(NamedTuple):
 def network(
     scene: Scene, config: SelectConfig, usable: frozenset[str], detection: float | None, hiding: int = IMPROVED
 ) -> CameraChoice:
-    """What there is to choose from; UsageError for more cameras than there are, or an order that does not fit.
+    """Return the cameras to choose from, with arrays of all sensors.
 
     Args:
         scene: scene with the cameras.
         config: settings of the selection.
-        usable: names of the cameras that may be used.
-        detection: probability that a camera detects a target in plain view, where the scene does not say.
+        usable: names of the cameras that may be used; those without a pose are left out.
+        detection: probability that a camera detects a target in plain view, where the scene does not state it; None: 1.
         hiding: form of the probability that a moving occluder hides the target, of
             `occlog.core.occlusion.occlusion_probability`.
+
+    Raises:
+        UsageError: more cameras are to be selected than there are, an order that does not fit, or too many subsets.
     """
     names = [c.name for c in scene.cameras]
     cameras = tuple(i for i, c in enumerate(scene.cameras) if c.name in usable and c.placed)
@@ -111,10 +118,10 @@ def network(
 def choose(
     cloud: ParticleSet, priors: Priors | None, net: CameraChoice, config: SelectConfig, rng: Generator
 ) -> Choice:
-    """The cameras to use until the next selection, with the expected error of the set.
+    """Return the cameras to use until the next selection, with the expected mean square error of the set.
 
     Args:
-        cloud: weighted positions at which the target may be.
+        cloud: weighted positions at which the target may be; downsampled if there are many.
         priors: position priors of the moving occluders; None: none are considered.
         net: cameras that may be selected.
         config: settings of the selection.
@@ -131,15 +138,15 @@ def choose(
 def _rows(
     k: int, cloud: ParticleSet, moments: CameraMoments, net: CameraChoice, policy: str, rng: Generator
 ) -> list[int]:
-    """Indices into `net.cameras` of the `k` cameras that a policy selects.
+    """Return the indices into `net.cameras` of the `k` cameras that a policy selects.
 
     Args:
         k: number of cameras.
-        cloud: particles of the target, for `closest`.
-        moments: of the cameras, for `greedy` and `brute-force`.
+        cloud: weighted positions of the target, for `closest`.
+        moments: covariances of position and measurements, for `greedy` and `brute-force`.
         net: cameras that may be selected.
-        policy: one of `POLICIES`.
-        rng: draws of `random`.
+        policy: one of `POLICIES`; `all` ignores k.
+        rng: random numbers of `random`.
     """
     N = len(net.cameras)
     if policy == "greedy":
@@ -161,7 +168,10 @@ def _rows(
 
 
 def greedy(moments: CameraMoments, k: int) -> list[int]:
-    """Alg. 2: indices of the cameras that, added one after another, give the least error each, k of them or all N."""
+    """Return the indices of k cameras (or all N), each chosen as the one that lowers the expected error most, Alg. 2.
+
+    Of cameras that are equally good, the one that most probably sees the target is chosen.
+    """
     chosen: list[int] = []
     N = len(moments.seen)
     for _ in range(min(k, N)):
@@ -175,6 +185,10 @@ def greedy(moments: CameraMoments, k: int) -> list[int]:
 
 
 def _moments(cloud: ParticleSet, priors: Priors, net: CameraChoice, model: str) -> CameraMoments:
+    """Return the covariances of position and measurements of the selectable cameras, for a weighted set of positions.
+
+    `model` is the camera model, `weak` or `perspective`.
+    """
     xy, weights = cloud
     inside = views(xy, net.cameras, net.sensors)
     together = joint_visibility(xy, weights, net.cameras, net.sensors, inside, priors, net.hit, net.hiding)
@@ -184,7 +198,7 @@ def _moments(cloud: ParticleSet, priors: Priors, net: CameraChoice, model: str) 
 
 
 def _thin(cloud: ParticleSet) -> ParticleSet:
-    """Return every n-th particle of a large particle set."""
+    """Return a particle set with at most `MAX_PARTICLES` particles: every n-th one, with weights of sum 1."""
     every = -(-len(cloud.weights) // MAX_PARTICLES)
     if every == 1:
         return cloud
@@ -205,14 +219,17 @@ FOREVER_NS = 2.0**63
 
 
 class Selected(NamedTuple):
-    """Cameras selected for a target, and the time of the selection."""
+    """Cameras selected for a target, and the time of the scan [ns] at which they were selected."""
 
     since_ns: int
     choice: Choice
 
 
 class ObservedVisibility(NamedTuple):
-    """What a target's cameras saw of it lately, in addition to the views in the scene."""
+    """What the cameras saw of a target in the last scans, from which the visibility of the next scan is predicted.
+
+    `clear` (C,) is the probability that nothing moving hides the target from each of the scene's C cameras.
+    """
 
     clear: Floats  # (C,) probability that each camera of the scene has the target in plain view, if in its view
     t_ns: int
@@ -221,7 +238,7 @@ class ObservedVisibility(NamedTuple):
 
 
 class TargetFilter(NamedTuple, Generic[State]):
-    """One target's filter: state, draws, and the cameras selected for it."""
+    """One target's filter with its random numbers, and the cameras selected for it."""
 
     target: int
     state: State
@@ -234,7 +251,7 @@ class TargetFilter(NamedTuple, Generic[State]):
 
 
 class Selector(Generic[State, Config]):
-    """Selects cameras for each target, every few reference steps ([Ercan] Alg. 3)."""
+    """Selects cameras for each target, at intervals of some reference steps ([Ercan] Alg. 3)."""
 
     def __init__(
         self,
@@ -264,11 +281,16 @@ class Selector(Generic[State, Config]):
         self._memory_s = selection.selection_interval * prediction.step_s(config)
 
     def update(self, own: TargetFilter[State], t_ns: int, priors: Priors | None) -> TargetFilter[State]:
-        """The filter with the cameras to use at a time, reselected where that is due.
+        """Return the filter with the cameras to use for the scan at `t_ns`, reselected where that is due.
 
-        Until two cameras have seen the target at once its position is unknown, and all of them are asked: cameras that
-        are selected for a cloud all over the position would leave it there.  With priors of the moving occluders, or
-        without patience, [Ercan] Alg. 3 selects from the first scan on.
+        Cameras are reselected at the interval, and after several scans in which too few selected cameras saw the
+        target. Until two cameras have seen the target at once its position is unknown, and all cameras are used, except
+        with occluder priors or `max_blind_scans` of 0.
+
+        Args:
+            own: the target's filter; its generator `selecting` is drawn from.
+            t_ns: time of the scan [ns].
+            priors: position priors of the moving occluders; None: unknown.
         """
         patience = self._patience
         if patience and priors is None and (own.in_view is None or not own.in_view.found):
@@ -287,11 +309,16 @@ class Selector(Generic[State, Config]):
         return own._replace(selected=Selected(t_ns, choice), mse=choice.mse)
 
     def learned(self, own: TargetFilter[State], scan: Scan, estimate: Estimate) -> TargetFilter[State]:
-        """The filter with what its cameras saw in a scan.
+        """Return the filter with updated probabilities that its cameras have the target in plain view, after a scan.
 
-        A camera without a detection less probably has the target in plain view, by Bayes' rule: a person or something
-        hides it there.  The probability goes back to `PRIOR_VISIBILITY` within the time between selections.  With
-        priors of the moving occluders these say who hides the target, and nothing is learned.
+        A camera without a detection less probably has a free view, by Bayes' rule. The probability returns to
+        `PRIOR_VISIBILITY` within the time between selections. With priors of the moving occluders, or `max_blind_scans`
+        of 0, nothing is learned.
+
+        Args:
+            own: the target's filter.
+            scan: the scan.
+            estimate: estimate of the filter after the scan, with the sensors used and those that detected the target.
         """
         if not self._patience or scan.occluders is not None or estimate.seen_by is None:
             return own
@@ -314,17 +341,17 @@ class Selector(Generic[State, Config]):
         return own._replace(in_view=ObservedVisibility(clear, scan.t_ns, unseen, found))
 
     def _relaxed(self, in_view: ObservedVisibility, t_ns: int) -> Floats:
-        """(C,) probabilities of plain view at a time `t_ns` after those of `in_view`.
+        """Return (C,) probabilities that each camera has the target in plain view at time `t_ns` [ns].
 
-        They return to `PRIOR_VISIBILITY` exponentially within the time between selections.
+        They return to `PRIOR_VISIBILITY` exponentially, with the time between selections as time constant.
         """
         left = math.exp(-(t_ns - in_view.t_ns) / NS / self._memory_s)
         return np.asarray(PRIOR_VISIBILITY + (in_view.clear - PRIOR_VISIBILITY) * left)
 
     def asked(self, own: TargetFilter[State], scan: Scan) -> Scan | None:
-        """Return the rows of a scan of the target's selected cameras and of microphone arrays; None if there are none.
+        """Return the rows of a scan that the filter is to use: those of its selected cameras and of microphone arrays.
 
-        Without a selection it is the whole scan.
+        None if there are none; without a selection the whole scan.
         """
         if own.selected is None:
             return scan

@@ -27,7 +27,11 @@ MIN_EFFECTIVE_SAMPLE_SIZE = 1.5
 
 
 class ParticleRecord(NamedTuple):
-    """The particles after one step of the filter, as the way back wants them."""
+    """Particles after one step of the filter, as backward simulation needs them.
+
+    `states` (L, 5): x, y, velocity towards the destination, and speed. `arrived` (L,): the destination is reached.
+    `parents` (L,): indices in the record before, None: each its own.
+    """
 
     states: Floats  # (L, 5) from `waypoint.headings`
     regime: Ints  # (L,)
@@ -50,13 +54,13 @@ def record_particles(
     model: ApfModel,
     sharpness: float = 0.0,
 ) -> ParticleRecord:
-    """Return the record of a step that backward simulation needs: particles with ancestors, as states.
+    """Return the record of a filter step that backward simulation needs: particles as states, with their parents.
 
     Args:
-        particles: L of them after the step.
+        particles: L particles after the step.
         weights: (L,) weights of the particles, sum 1.
         parents: (L,) indices among those of the step before; None: each its own.
-        dt: length of the step [s].
+        dt: length of the step [s]; 0 without parents: the particles were drawn without regard to earlier ones.
         model: motion and floor.
         sharpness: mean variance per axis of the densities that positions were drawn from; 0: unknown.
     """
@@ -67,10 +71,10 @@ def record_particles(
 
 
 def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rng: Generator) -> list[SmoothedState]:
-    """Smooth by backward simulation (`.kernels.backward_simulation`): a state for each scan.
+    """Return a smoothed state for each scan, by backward simulation of `smoothing_trajectories` trajectories.
 
     Args:
-        traces: of scans in the order of time, at least one.
+        traces: records of the filter's steps up to each scan, in the order of time; at least one.
         config: settings of the method.
         motion: the motion model.
         rng: generator of the random numbers drawn.
@@ -94,14 +98,14 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
 
 
 def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: WaypointModel, rng: Generator) -> Ints:
-    """Draw, for each of M trajectories, the particle of the record `now` through which it passes.
+    """Return for each of M trajectories the particle through which it passes at an earlier step, drawn at random.
 
     Args:
-        now: L particles.
-        later: those of the step after.
+        now: L particles of the earlier step.
+        later: particles of the step after it.
         chosen: (M,) indices of the trajectories' particles in `later`.
         motion: the motion model.
-        rng: generator of the random numbers drawn.
+        rng: source of random numbers.
 
     Returns:
         (M,) indices in `now`.
@@ -127,10 +131,10 @@ def _parents(now: ParticleRecord, later: ParticleRecord, chosen: Ints, motion: W
 
 @kernel
 def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
-    """Squared kernel bandwidths per axis of position and velocity: optimal for a 4-d Gaussian (Silverman).
+    """Return the squared kernel bandwidths of position and velocity per axis, optimal for a 4-D Gaussian (Silverman).
 
     Args:
-        states: (L, 5) from `waypoint.headings`.
+        states: (L, 5) x, y, velocity x and y, and speed, from `waypoint.headings`.
         weights: (L,) weights of the particles, sum 1.
     """
     mean, second, square = np.zeros(4), np.zeros(4), 0.0
@@ -145,10 +149,15 @@ def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
 
 
 def _state(now: ParticleRecord, chosen: Ints) -> SmoothedState:
-    """Mean and covariance of the positions, and mean velocity, of the particles that trajectories go through.
+    """Return mean position, covariance and mean velocity of the particles that trajectories pass through at a step.
 
-    Where trajectories share particles there are fewer positions than trajectories, n effective ones.  Their spread is
-    then too small by n / (n - 1), and their mean is uncertain by an n-th of what a position was drawn from.
+    Where trajectories share particles there are fewer positions than trajectories, n effective ones. Their spread is
+    then too small by n / (n - 1), and their mean is uncertain by an n-th of the variance that a position was drawn
+    with; both are corrected.
+
+    Args:
+        now: particles after the step.
+        chosen: (M,) index of each trajectory's particle.
     """
     states = now.states[chosen]
     going = now.regime[chosen] != waypoint.WAIT

@@ -17,7 +17,7 @@ BENDS = {"huber": 1.5, "andrews": 1.5, MIXTURE: 3.7}
 
 @dataclass(frozen=True)
 class FixConfig(Settings):
-    """Settings of method `fix`; the same for every scene, since no setting is a length."""
+    """Settings of method `fix`; defaults are equal in all scenes, since no setting is a length."""
 
     OWNER: ClassVar[str] = "fix"
 
@@ -56,11 +56,11 @@ class FixConfig(Settings):
 
     @property
     def bent(self) -> float:
-        """Return the bend (tuning constant) of the robust estimator, in standard deviations."""
+        """Return the tuning constant of the robust estimator [standard deviations], stated or default."""
         return BENDS.get(self.estimator, BENDS["huber"]) if self.loss_threshold is None else self.loss_threshold
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that a mixture is of bearings with stated or pooled standard deviations."""
+        """Generate (setting, whether it fits, limit as text): a mixture needs stated standard deviations."""
         yield (
             "covariance",
             self.estimator != MIXTURE or self.covariance != "residuals",

@@ -43,17 +43,17 @@ PARALLEL = 1e-12
 
 
 class Folded(NamedTuple):
-    """Results of the jackknife of an estimate: mean and covariance."""
+    """Result of the jackknife of an estimated position: bias-corrected mean and its covariance."""
 
     xy: Floats  # (2,) mean of the pseudo-values: bias removed to the first order
     covariance: Floats  # (2, 2) of that mean
 
 
 def crossings(positions: Floats, bearings: Floats) -> Floats:
-    """(n, n, 2) where line of sight i is crossed by line j, if that is ahead of sensor i; NaN elsewhere.
+    """Return (n, n, 2) points where line of sight i is crossed by line j, if ahead of sensor i; NaN elsewhere.
 
-    `positions` (n, 2) are the sensors', `bearings` (n,) in [rad]. Ahead of j it need not be: Lenth's published figures
-    come out only if the half-line of the sensor that the median is taken for meets whole lines.
+    They need not be ahead of sensor j: Lenth's published figures come out only if the half-line of the sensor that the
+    median is taken for meets whole lines. `positions` (n, 2) are the sensors', `bearings` (n,) in [rad].
     """
     towards = np.column_stack([np.cos(bearings), np.sin(bearings)])
     dx, dy = towards[:, 0], towards[:, 1]
@@ -68,10 +68,12 @@ def crossings(positions: Floats, bearings: Floats) -> Floats:
 
 
 def repeated_median(positions: Floats, bearings: Floats) -> Floats | None:
-    """(2,) median over the lines of the median of each line's crossings; None without any.
+    """Return the repeated median (2,) of the crossings of lines of sight ([Lenth]); None without any crossing.
+
+    It is the median, over the lines, of the median of each line's crossings, by coordinate.
 
     Args:
-        positions: (n, 2) where the bearings were taken.
+        positions: (n, 2) positions of the sensors.
         bearings: (n,) bearings [rad].
     """
     points = crossings(positions, bearings)
@@ -81,10 +83,10 @@ def repeated_median(positions: Floats, bearings: Floats) -> Floats | None:
 
 
 def repeated_median_jackknife(positions: Floats, bearings: Floats) -> Folded | None:
-    """The jackknife of the repeated median; None if it is not defined without some bearing.
+    """Return the jackknife of the repeated median; None if it is not defined without some bearing, or for n < 3.
 
     Args:
-        positions: (n, 2), n >= 3.
+        positions: (n, 2) positions of the sensors.
         bearings: (n,) bearings [rad].
     """
     n = len(bearings)
@@ -115,7 +117,7 @@ class Fix(NamedTuple):
 
 
 class _Equations(NamedTuple):
-    """Lenth's estimating equations, matrix @ xy = right, linear in the position for the distances at a given one."""
+    """Lenth's estimating equations for a position, matrix @ xy = right, linear for fixed distances of the sensors."""
 
     matrix: Floats  # (2, 2)
     right: Floats  # (2,)
@@ -129,7 +131,7 @@ def fix(
     bend: float = BENDS["huber"],
     estimated: bool = True,
 ) -> Fix | None:
-    """The position that a set of bearings points at; None if undetermined.
+    """Return the position at which several bearings point, by an estimator of [Lenth]; None if undetermined.
 
     Args:
         positions: (n, 2) positions where the bearings were taken, n >= 2.
@@ -137,8 +139,11 @@ def fix(
         sigma: (n,) stated standard deviations [rad], above 0.
         estimator: one of `ESTIMATORS`.
         bend: tuning constant of `huber` and `andrews`, in standard deviations.
-        estimated: find the spread of the errors from the residuals, which takes at least three
-            bearings; otherwise, and with two, it is as stated.
+        estimated: find the spread of the errors from the residuals, which takes at least three bearings; otherwise, and
+            with two, it is as stated.
+
+    Raises:
+        ValueError: an unknown estimator.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator {estimator!r} is not one of {', '.join(ESTIMATORS)}")
@@ -174,14 +179,16 @@ def inverse_kappa(mean_cosine: float) -> float:
 def _m_estimate(
     positions: Floats, bearings: Floats, share: Floats, stated: float, psi: Callable[[Floats], Floats], learned: bool
 ) -> Fix | None:
-    """Return the M-estimate from the least-squares point or, if that diverges, the repeated median; None if both do.
+    """Return the M-estimate of a position, from the least-squares point or, if that diverges, the repeated median.
+
+    None if both diverge.
 
     Args:
-        positions: (n, 2) of the sensors.
+        positions: (n, 2) positions of the sensors.
         bearings: (n,) bearings [rad].
         share: (n,) precisions of the bearings, relative to their mean.
         stated: mean stated precision, the concentration kappa unless it is learned [1/rad^2].
-        psi: weight of a bearing by its normalised residual.
+        psi: returns the weights of bearings by their normalised residuals.
         learned: estimate kappa from the residuals.
     """
     for start in (None, repeated_median(positions, bearings)):
@@ -200,14 +207,14 @@ def _iterate(
     learned: bool,
     start: Floats | None,
 ) -> Fix | None:
-    """Iterate Lenth's equations to a fixed point, with new weights and kappa at each position; None if it diverges.
+    """Iterate Lenth's equations to a fixed point, with new weights and kappa at each position; None if they diverge.
 
     Args:
-        positions: (n, 2) of the sensors.
+        positions: (n, 2) positions of the sensors.
         bearings: (n,) bearings [rad].
         share: (n,) precisions of the bearings, relative to their mean.
         stated: mean stated precision, the concentration kappa unless it is learned [1/rad^2].
-        psi: weight of a bearing by its normalised residual.
+        psi: returns the weights of bearings by their normalised residuals.
         learned: estimate kappa from the residuals.
         start: (2,) first position; None: the least-squares point.
     """
@@ -235,10 +242,10 @@ def _iterate(
 
 
 def _fix_at(xy: Floats, equations: _Equations, weights: Floats, kappa: float, learned: bool) -> Fix | None:
-    """Return the position `xy` with Lenth's covariance.
+    """Return the position `xy` (2,) with Lenth's covariance; None if that is not positive definite.
 
-    It is 1/kappa times the inverse of the symmetric part of the equations' matrix; None if that is not positive
-    definite. `weights` (n,) and `learned` (kappa is from the residuals) are passed on.
+    The covariance is 1/kappa times the inverse of the symmetric part of the equations' matrix. `weights` (n,) of the
+    bearings, and `learned` (kappa is from the residuals), are passed on.
     """
     information = 0.5 * (equations.matrix + equations.matrix.T)
     if not np.linalg.det(information) > 0.0 or not information[0, 0] > 0.0:
@@ -247,6 +254,7 @@ def _fix_at(xy: Floats, equations: _Equations, weights: Floats, kappa: float, le
 
 
 def _directions(positions: Floats, xy: Floats) -> Floats:
+    """Return (n,) azimuths [rad] of the position `xy` (2,) as seen from `positions` (n, 2)."""
     return np.asarray(np.arctan2(xy[1] - positions[:, 1], xy[0] - positions[:, 0]), np.float64)
 
 
@@ -283,18 +291,17 @@ def _solved(equations: _Equations) -> Floats | None:
 def _median(
     positions: Floats, bearings: Floats, share: Floats, stated: float, jackknife: bool, learned: bool
 ) -> Fix | None:
-    """Return the repeated-median position with covariance by the jackknife, or from the stated standard deviations.
+    """Return the repeated-median position, with covariance by the jackknife or from the stated standard deviations.
+
+    None if no lines cross, or if the covariance is not defined.
 
     Args:
-        positions: (n, 2) of the sensors.
+        positions: (n, 2) positions of the sensors.
         bearings: (n,) bearings [rad].
         share: (n,) precisions of the bearings, relative to their mean.
         stated: mean stated precision [1/rad^2].
         jackknife: correct the position's bias by the jackknife, if it is defined.
         learned: take covariance and kappa from the residuals, if the jackknife is defined.
-
-    Returns:
-        None if no lines cross, or if the covariance is not defined.
     """
     xy = repeated_median(positions, bearings)
     if xy is None:
@@ -310,10 +317,14 @@ def _median(
 
 
 def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
-    """Return equations of which the matrix is the Fisher information (2, 2) of the position `xy` for kappa = 1.
+    """Return equations with the Fisher information of the position `xy` (2,) for kappa = 1 as their matrix (2, 2).
 
-    Their right side is 0. `positions` (n, 2) are the sensors', `share` (n,) the bearings' precisions relative to their
-    mean.
+    Their right side is 0.
+
+    Args:
+        positions: (n, 2) positions of the sensors.
+        xy: (2,) position.
+        share: (n,) precisions of the bearings, relative to their mean.
     """
     away = xy - positions
     squared = np.maximum((away**2).sum(axis=1), 1e-24)
@@ -322,7 +333,7 @@ def _fisher(positions: Floats, xy: Floats, share: Floats) -> _Equations:
 
 
 def _ahead(positions: Floats, bearings: Floats, found: Fix) -> bool:
-    """Return whether a position is finite and in front of at least two sensors, with most of the bearings' weight.
+    """Return whether a position is finite, and in front of two sensors or more with most of the bearings' weight.
 
     `positions` (n, 2) are the sensors', `bearings` (n,) in [rad]; `found` is the position with its weights.
     """
@@ -346,7 +357,7 @@ MIN_INFORMATION_RATIO = 1e-9
 
 
 class Modes(NamedTuple):
-    """M modes of the position likelihood, the most probable first."""
+    """M modes of the likelihood of a position given n bearings (and distances), the most probable first."""
 
     xy: Floats  # (M, 2)
     covariance: Floats  # (M, 2, 2) with the stated standard deviations
@@ -357,21 +368,24 @@ class Modes(NamedTuple):
 
 
 def pooled_factor(squares: float, freedom: float) -> float:
-    """Factor of a covariance made with stated standard deviations: pooled scale, and Student's distribution.
+    """Return the factor by which a covariance made with stated standard deviations is scaled by residuals.
+
+    The scale is pooled from the residuals and `PRIOR_RESIDUALS` stated ones, times the variance of Student's
+    distribution.
 
     Args:
         squares: sum of the squared residuals in standard deviations.
-        freedom: how many of them are more than were fitted, >= 0.
+        freedom: degrees of freedom of that sum, >= 0.
     """
     degrees = PRIOR_RESIDUALS + freedom
     return (PRIOR_RESIDUALS + squares) / degrees * degrees / (degrees - 2.0)
 
 
 def modes(positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes | None:
-    """The modes of the likelihood of a position; None if undetermined.
+    """Return the modes of the mixture likelihood of a position given bearings that may be false; None if undetermined.
 
     Args:
-        positions: (n, 2) where the bearings were taken, n >= 2.
+        positions: (n, 2) positions where the bearings were taken, n >= 2.
         bearings: (n,) bearings [rad].
         sigma: (n,) standard deviations [rad], above 0.
         bend: standard deviations at which a bearing is as likely false as true.
@@ -406,15 +420,15 @@ def modes(positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Mo
 def _with_distances(xy: Floats, covariance: Floats, inlier: Floats, positions: Floats, sigma: Floats) -> Floats:
     """Return (M, 2, 2) covariances of modes, including the uncertainty of the sensors' distances.
 
-    An error of a bearing displaces the target across by the error times the distance; its mean square is that of the
-    estimate plus its variance along the line of sight. For nearly parallel lines of sight, a mode next to a sensor
-    would otherwise appear too precise.
+    An error of a bearing displaces the target across by the error times the distance; the mean square of the distance
+    is that of the estimate plus its variance along the line of sight. For nearly parallel lines of sight, a mode next
+    to a sensor would otherwise appear too precise.
 
     Args:
         xy: (M, 2) modes.
         covariance: (M, 2, 2) without that uncertainty.
         inlier: (M, n) probability that each bearing is true.
-        positions: (n, 2) of the sensors.
+        positions: (n, 2) positions of the sensors.
         sigma: (n,) standard deviations of the bearings [rad].
     """
     away = xy[:, None, :] - positions[None]
@@ -443,11 +457,11 @@ def spread_of(found: Modes, *, pooled: bool) -> Floats:
 def _at(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> tuple[Floats, Floats, Floats]:
     """Return normalised residuals (M, n), inlier probabilities (M, n) and gradients (M, n, 2) of n bearings.
 
-    Gradients are those of the expected bearings, over sigma.
+    Gradients are those of the expected bearings by the position, over sigma.
 
     Args:
         xy: (M, 2) positions.
-        positions: (n, 2) of the sensors.
+        positions: (n, 2) positions of the sensors.
         bearings: (n,) bearings [rad].
         sigma: (n,) standard deviations [rad].
         bend: standard deviations at which a bearing is as likely false as true.
@@ -472,7 +486,14 @@ def _cost(residual: Floats, bend: float) -> Floats:
 def _climbed(xy: Floats, positions: Floats, bearings: Floats, sigma: Floats, bend: float) -> Floats:
     """Return (M, 2) modes of the likelihood reached from start positions `xy` (M, 2), which are not changed.
 
-    The search is reweighted Gauss-Newton with step halving until the cost falls; other arguments are those of `modes`.
+    The search is reweighted Gauss-Newton with step halving until the cost falls.
+
+    Args:
+        xy: (M, 2) start positions.
+        positions: (n, 2) positions of the sensors.
+        bearings: (n,) bearings [rad].
+        sigma: (n,) standard deviations [rad].
+        bend: standard deviations at which a bearing is as likely false as true.
     """
     xy = xy.copy()
     scale = np.hypot(*(positions - positions.mean(axis=0)).T).max() + 1e-300

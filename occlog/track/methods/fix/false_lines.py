@@ -36,7 +36,11 @@ class Region(NamedTuple):
 
 
 class FalseLines(NamedTuple):
-    """Model of false bearings: their probability, and the widths of the sensors' fields of view."""
+    """Model of false bearings: their probability, and the widths of the sensors' fields of view.
+
+    `bend` is the residual [standard deviations] at which a bearing is as likely false as true; `found` is true if false
+    bearings were found before.
+    """
 
     width: Floats  # (n,) fields of view [rad]
     probability: float  # that a bearing is false, above 0
@@ -47,7 +51,10 @@ class FalseLines(NamedTuple):
 def depends_on_one(found: Modes, positions: Floats, sigma: Floats) -> bool:
     """Return whether the first mode would be (nearly) undetermined without one of its inlier bearings.
 
-    `positions` (n, 2) are the sensors', `sigma` (n,) standard deviations of the bearings [rad].
+    Args:
+        found: modes of the bearings.
+        positions: (n, 2) positions of the sensors.
+        sigma: (n,) standard deviations of the bearings [rad].
     """
     inlier = found.inlier_probability[0]
     if np.count_nonzero(inlier >= 0.5) <= 2:
@@ -61,12 +68,12 @@ def depends_on_one(found: Modes, positions: Floats, sigma: Floats) -> bool:
 def false_line_moment(
     found: Modes, positions: Floats, bearings: Floats, sigma: Floats, false: FalseLines, region: Region
 ) -> tuple[float, Floats]:
-    """Probability that the target is at no mode, and the (2, 2) second moment about the first mode then.
+    """Return the probability that the target is at no mode, and the (2, 2) second moment about the first mode if so.
 
-    The probability is 0 if it does not count.
+    Probabilities below `MIN_PROBABILITY`, while no false bearing was found, are returned as 0.
 
     Args:
-        found: the modes of n bearings.
+        found: modes of n bearings.
         positions: (n, 2) positions of the sensors.
         bearings: (n,) bearings [rad].
         sigma: (n,) standard deviations [rad].

@@ -68,7 +68,7 @@ residuals as large as that of the accepted measurements has less than the second
 
 
 class BearingLines(NamedTuple):
-    """Positions and directions of n lines of sight."""
+    """n lines of sight: where the bearings were taken, their directions [rad] and standard deviations [rad]."""
 
     positions: Floats  # (n, 2) where they were taken
     bearings: Floats  # (n,) [rad]
@@ -77,9 +77,9 @@ class BearingLines(NamedTuple):
 
 
 class LineAndDistanceResiduals(NamedTuple):
-    """Normalised residuals (M, n + m) of n lines and m distances at M positions, and the gradients of what is expected.
+    """Normalised residuals (M, n + m) of n lines of sight, then m distances, at M positions, and their gradients.
 
-    Gradients (M, n + m, 2) are by x and y, in standard deviations per unit of length.
+    Gradients (M, n + m, 2) are those of the expected values by x and y, in standard deviations per unit of length.
     """
 
     residual: Floats
@@ -87,7 +87,7 @@ class LineAndDistanceResiduals(NamedTuple):
 
 
 def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | None = None) -> Modes | None:
-    """The modes of the likelihood of a position; None if undetermined.
+    """Return the modes of the likelihood of a position given lines of sight and distances; None if undetermined.
 
     Args:
         lines: n lines of sight, none or more.
@@ -136,8 +136,8 @@ def modes_of(lines: BearingLines, distances: RangeMeasurements, room: Floats | N
 def has_rival_mode(found: Modes) -> bool:
     """Return whether a false measurement may be among those that are accepted at the first mode.
 
-    Two tests: whether other positions, at which fewer agree, are possible; and the sum of squares of the residuals,
-    which is chi-squared with a degree of freedom for each measurement that is accepted but the two that fix a position.
+    Two tests: whether other positions, at which fewer measurements agree, are possible; and the sum of squared
+    residuals, chi-square with a degree of freedom for each measurement accepted but two.
     """
     inlier = found.inlier_probability[0] >= 0.5
     spare = int(np.count_nonzero(inlier)) - 2
@@ -147,7 +147,7 @@ def has_rival_mode(found: Modes) -> bool:
 
 
 def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -> LineAndDistanceResiduals:
-    """Return normalised residuals and gradients of lines of sight, then of distances, at positions `xy` (M, 2)."""
+    """Return normalised residuals and gradients of lines of sight, then of distances, at M positions `xy` (M, 2)."""
     away = xy[:, None, :] - lines.positions[None]
     off = lines.bearings - np.arctan2(away[..., 1], away[..., 0])
     turned = ((off + np.pi) % (2.0 * np.pi) - np.pi) / lines.sigma
@@ -162,11 +162,17 @@ def measured_at(lines: BearingLines, distances: RangeMeasurements, xy: Floats) -
 def _moment(
     lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, xy: Floats, narrow: Floats
 ) -> Floats:
-    """Return the (2, 2) second moment of the inlier likelihood about the mode `xy` (2,), integrated over a grid.
+    """Return the (2, 2) second moment of the likelihood about a mode, integrated over a grid.
 
-    The grid is regular in the coordinates of the mode's Gaussian with covariance `narrow` (2, 2). Where circles touch,
-    this Gaussian is much longer than the likelihood and is shortened. `errors` are the error model of lines, then
-    distances.
+    The grid is regular in the coordinates of the mode's Gaussian. Where circles touch, this Gaussian is much longer
+    than the likelihood and is shortened.
+
+    Args:
+        lines: lines of sight.
+        distances: measurements of distances.
+        errors: error model of lines, then distances.
+        xy: (2,) the mode.
+        narrow: (2, 2) covariance of the mode's Gaussian.
     """
     at_point = measured_at(lines, distances, xy[None]).residual[0]
     inlier = 1.0 - np.exp(np.minimum(-0.5 * errors.bend**2 - log_density(at_point, errors), 0.0))
@@ -190,13 +196,17 @@ def _moment(
 def _starts(
     lines: BearingLines, distances: RangeMeasurements, errors: DistanceErrors, scale: float
 ) -> tuple[Floats, Floats, float, Bools]:
-    """Return start positions for the maximisation.
+    """Return start positions for the search of modes: crossings of measurements, and the best positions of a grid.
 
-    `errors` are the error model of lines, then distances; `scale` is the length from `_extent`.
+    Args:
+        lines: lines of sight.
+        distances: measurements of distances.
+        errors: error model of lines, then distances; n in all.
+        scale: length of the problem, from `_extent`.
 
     Returns:
         (K, 2) positions where two measurements agree, (G, 2) the best positions of a grid, its step, and (G, n) the
-        measurements that each of these is climbed with initially: all, or the two that meet there, since the others
+        measurements with which each of these is climbed initially: all, or the two that meet there, since the others
         would pull it away.
     """
     radius = np.where(distances.kind == LOGARITHM, np.exp(np.minimum(distances.value, 50.0)), distances.value)
@@ -250,16 +260,16 @@ def _pairs(differs: Bools) -> list[list[int]]:
 def _intersections(soft: Floats) -> Ints:
     """Return flat indices of grid positions where two measurements intersect.
 
-    `soft` (GRID^2, 2) has their residuals at the grid's positions, in standard deviations.
+    `soft` (GRID^2, 2) has the residuals of both at the grid's positions, in standard deviations.
     """
     low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), MAX_STARTS)
     return np.asarray(low[(np.abs(soft[low]) <= START_GATE_SIGMAS).all(axis=1)])
 
 
 def _widened(at: LineAndDistanceResiduals, wide: float) -> Floats:
-    """Return (M, n) variances of normalised residuals (1 for exact positions), with a position error added.
+    """Return (M, n) variances of normalised residuals with a position error added; 1 for exact positions.
 
-    `wide` is the standard deviation of that error per axis, in the scene's unit.
+    `wide` is the standard deviation of that error per axis [length].
     """
     return np.asarray(1.0 + wide**2 * np.sum(at.gradient**2, axis=2))
 
@@ -326,16 +336,16 @@ def _climbed(
     wide: float = 0.0,
     own: Bools | None = None,
 ) -> Floats:
-    """Return (K, 2) modes reached from start positions: reweighted Gauss-Newton with step halving.
+    """Return (K, 2) modes reached from start positions, by reweighted Gauss-Newton with step halving.
 
     Args:
         xy: (K, 2) starts, not changed.
         lines: lines of sight.
         distances: measurements of distances.
         errors: error model of all n measurements, lines first.
-        scale: length from `_extent`, to which the tolerance is relative.
-        wide: standard deviation of a position error that is added to all residuals; 0 in the end.
-        own: (K, n) which measurements each start counts; None: all.
+        scale: length of the problem, from `_extent`, to which the tolerance is relative.
+        wide: standard deviation of a position error [length] that is added to all residuals; 0 in the end.
+        own: (K, n) which measurements each start uses; None: all.
     """
     xy = xy.copy()
     for _ in range(MAX_EM_ITERATIONS):
@@ -372,8 +382,14 @@ def _climbed(
 def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: DistanceErrors) -> Floats:
     """Return (M,) log likelihoods of positions being inside the room, treated as one more (possibly false) measurement.
 
-    Its residual is the distance outside the room over the largest standard deviation of the position; `information`
-    (M, 2, 2) is the inverse of its covariance. Without a room all are 0.
+    The residual is the distance outside the room over the largest standard deviation of the position. Without a room
+    all are 0.
+
+    Args:
+        xy: (M, 2) positions.
+        information: (M, 2, 2) inverse covariances of the positions.
+        room: (K, 2) corners of the room; None: no room.
+        errors: error model of the measurements; its largest `bend` is that of the room.
     """
     if room is None:
         return np.zeros(len(xy))
@@ -392,10 +408,12 @@ def _cost(residual: Floats, errors: DistanceErrors) -> Floats:
 
 
 def _places(lines: BearingLines, distances: RangeMeasurements) -> Floats:
+    """Return (n + 2 m, 2) positions of the sensors of n lines, and of stations and references of m distances."""
     return np.concatenate([lines.positions, distances.position, distances.other])
 
 
 def _middle(lines: BearingLines, distances: RangeMeasurements) -> Floats:
+    """Return the middle (2,) of the bounding box of all sensors and stations."""
     positions = _places(lines, distances)
     return np.asarray(0.5 * (positions.min(axis=0) + positions.max(axis=0)))
 
@@ -403,7 +421,7 @@ def _middle(lines: BearingLines, distances: RangeMeasurements) -> Floats:
 def _extent(lines: BearingLines, distances: RangeMeasurements) -> float:
     """Return the length scale of the problem.
 
-    It is the larger side of the sensors' bounding box, or the largest range if that is greater.
+    It is the larger side of the bounding box of sensors and stations, or the largest range if that is greater.
     """
     positions = _places(lines, distances)
     size = float(np.ptp(positions, axis=0).max())

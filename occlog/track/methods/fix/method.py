@@ -42,7 +42,7 @@ UNVERIFIED, POSSIBLE_OUTLIER = "unverified", "possible_outlier"
 
 
 class FixState(NamedTuple):
-    """State of method `fix`: settings, sensors (cameras, then arrays), and the running count of false bearings."""
+    """State of method `fix`: settings, sensors (cameras, then arrays), room, and the statistics of false bearings."""
 
     config: FixConfig
     positions: Floats  # (S, 2), as in `sensor_names`
@@ -53,9 +53,9 @@ class FixState(NamedTuple):
 
 
 def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
-    """Return the state before the first scan: settings, ground positions of cameras and arrays, and the room.
+    """Return the state before the first scan, with sensors and room of the scene; `rng` is not used.
 
-    Without a room the region of possible targets is the sensors' bounding box with a margin. `rng` is not used.
+    Without a room the region of possible targets is the sensors' bounding box with a margin.
     """
     found = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
     positions = np.array(found, dtype=np.float64).reshape(-1, 2)
@@ -67,9 +67,9 @@ def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: 
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
-    """Return the state with new counts of false bearings, and the scan's position estimate; None if undetermined.
+    """Return the state with updated statistics of false bearings, and the scan's estimate; None if undetermined.
 
-    The estimate depends on earlier scans by those counts alone, and has no velocity; `rng` is not used.
+    The estimate depends on earlier scans by those statistics alone, and has no velocity (NaN); `rng` is not used.
     """
     config = state.config
     # Associate: rows of the target, and the candidates that agree best
@@ -119,9 +119,15 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
 
 
 def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements) -> Estimate | None:
-    """Return the position from the bearings of scan rows `rows` and from distances; None if undetermined.
+    """Return the position estimate from bearings and measurements of distances of a scan; None if undetermined.
 
     UsageError for an estimator that takes bearings alone.
+
+    Args:
+        state: settings, sensors and room.
+        scan: the scan.
+        rows: indices of the scan's rows with bearings to use.
+        distances: measurements of distances.
     """
     config = state.config
     if config.estimator != MIXTURE:
@@ -166,9 +172,9 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: RangeMeasurements
 
 
 def _fallback(found: Modes, spread: str) -> str:
-    """Return why a position is doubtful ("" if it is not): rival modes, two measurements, or a possible false one.
+    """Return why a position is doubtful, empty if it is not: rival modes, two measurements, or a possible false one.
 
-    `spread` is the setting `covariance`; with `stated`, two measurements are not doubtful.
+    `spread` is the setting `covariance`; with `stated`, a position from two measurements is not doubtful.
     """
     if len(found.xy) > 1 and found.probability[1] >= MIN_SECOND_MODE_PROBABILITY:
         return AMBIGUOUS
@@ -181,10 +187,15 @@ def _fallback(found: Modes, spread: str) -> str:
 
 
 def _mixture(state: FixState, sensor: Ints, bearings: Floats, sigma: Floats) -> tuple[FixState, Fix | None]:
-    """Return the state with new counts of false bearings, and the position by the mixture of true and false bearings.
+    """Return the state with updated statistics of false bearings, and the position by the mixture likelihood.
 
-    `sensor` (n,) are rows of `state.positions`, `bearings` and `sigma` (n,) in [rad]. Weights of the position are
-    probabilities that bearings are true; it is None if undetermined.
+    The position is None if undetermined; its weights are the probabilities that bearings are true.
+
+    Args:
+        state: settings, sensors and statistics of false bearings.
+        sensor: (n,) rows of `state.positions`.
+        bearings: (n,) bearings [rad].
+        sigma: (n,) standard deviations [rad].
     """
     config, positions = state.config, state.positions[sensor]
     found = modes(positions, bearings, sigma, config.bent)
@@ -221,7 +232,10 @@ def _estimated(config: FixConfig, positions: Floats, bearings: Floats, sigma: Fl
 
 
 def _inlier_probabilities(residual: Floats) -> Floats:
-    """Return (n,) probabilities that bearings are true, by their normalised residuals (n,) and the default bend."""
+    """Return (n,) probabilities that bearings are true, by their normalised residuals (n,).
+
+    They are 1/2 at 3.7 standard deviations, the threshold of the estimator `mixture`.
+    """
     return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - BENDS[MIXTURE] ** 2), 700.0))))
 
 
@@ -239,7 +253,10 @@ def _expected(positions: Floats, sigma: Floats, found: Fix) -> Floats:
 
 
 def _rows(state: FixState, scan: Scan) -> Ints:
-    """Return indices of the scan rows used: those labelled as the target, and unlabelled candidates that agree."""
+    """Return the indices of the scan's rows to use: those labelled as the target, and unlabelled candidates that agree.
+
+    With the setting `candidates=ignore`, the labelled ones alone.
+    """
     usable = scan.seen & np.isfinite(scan.bearing) & np.isfinite(scan.sigma) & (scan.sigma > 0.0)
     if state.config.candidates == "ignore":
         usable &= scan.labelled
@@ -250,10 +267,15 @@ def _rows(state: FixState, scan: Scan) -> Ints:
 
 
 def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
-    """Return at most one of the scan rows `rows` for each sensor: those that agree on a crossing of two lines of sight.
+    """Return the rows of a scan that agree on a crossing of two lines of sight, at most one for each sensor.
 
     The crossing is the one with the least sum of squared residuals, each limited to the gate. Of more rows than
     `MAX_PAIRS` pairs allow, unlabelled and then uncertain ones are left out.
+
+    Args:
+        state: sensors and settings.
+        scan: bearings of one time.
+        rows: indices of the bearings to choose from.
     """
     if len(rows) ** 2 > MAX_PAIRS:
         keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MAX_PAIRS**0.5)]
@@ -275,6 +297,7 @@ def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
 
 
 def _wrapped(angle: Floats) -> Floats:
+    """Return angles [rad] wrapped to [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 

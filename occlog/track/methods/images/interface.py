@@ -30,7 +30,7 @@ START, LEFT, TERMINATED = 1, 2, 3
 
 
 class Birth(NamedTuple):
-    """A tracker to be started for a target in a view."""
+    """A tracker to be started for target `target_id` in a view, at an ellipse (centre, half axes [px], angle [rad])."""
 
     view: int
     target_id: int
@@ -38,7 +38,7 @@ class Birth(NamedTuple):
 
 
 class FrameSet(NamedTuple):
-    """The frames of V views at one time."""
+    """Frames of V views at one time step, with a detector's regions and foreground masks where there are any."""
 
     t_ns: int
     number: Ints  # (V,) number of each view's frame; -1: none
@@ -48,7 +48,11 @@ class FrameSet(NamedTuple):
 
 
 class TrackerOutlines(NamedTuple):
-    """Ellipses of the n trackers with a frame of their view, sorted by view and target, after that frame."""
+    """Output of one time step: ellipses of the n trackers with a frame of their view, sorted by view and target.
+
+    An ellipse is (centre x, y, half axes a, b [px], angle of axis a [rad]), with the covariance of its centre. The
+    other fields describe each tracker: its colour similarity, particles, likelihood, neighbours, helping views and end.
+    """
 
     view: Ints  # (n,)
     target_id: Ints  # (n,)

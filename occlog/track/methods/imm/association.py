@@ -32,7 +32,7 @@ ROOT_2PI = math.sqrt(2.0 * math.pi)
 
 
 class BearingFit(NamedTuple):
-    """Densities of an array's N bearings at the particles of one target."""
+    """Densities of an array's N bearings at the particles of one target: L particles under each of J motion models."""
 
     each: Floats  # (N, J, L) density of each bearing for each particle [1/rad]; 0 out of the array's range
     within: Bools  # (J, L) in range
@@ -42,14 +42,18 @@ class BearingFit(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """Gaussian prediction of a target's bearing at an array."""
+    """Gaussian prediction of a target's bearing at an array: circular mean and standard deviation [rad]."""
 
     centre: float  # circular mean of the particles' bearings [rad]
     spread: float  # standard deviation of them [rad]
 
 
 class BearingAssociation(NamedTuple):
-    """Association probabilities of K targets and N bearings."""
+    """Probabilities of how K targets and N bearings of one array belong together, and the evidence of the bearings.
+
+    A bearing is of one target (`alone`), of two that are heard as one (`shared`), or of none; a target may have no
+    bearing (`unheard`).
+    """
 
     alone: Floats  # (K, N) bearing i is of target k and no other
     unheard: Floats  # (K,) no bearing is of target k
@@ -60,11 +64,11 @@ class BearingAssociation(NamedTuple):
 def bearing_fit(
     predicted: Floats, weights: Floats, *, bearing: Floats, sigma: Floats, position: Floats, reach: float
 ) -> BearingFit:
-    """Compute the densities of an array's bearings for the particles of one target (`BearingFit`).
+    """Return the densities of an array's bearings at the particles of one target.
 
     Args:
-        predicted: (J, L, 4) particles [x, vx, y, vy].
-        weights: (J, L) of them, sum 1.
+        predicted: (J, L, 4) particles [x, vx, y, vy], L under each of J motion models.
+        weights: (J, L) weights of the particles, sum 1.
         bearing: (N,) that the array heard [rad]; may be none.
         sigma: (N,) their standard deviations [rad], > 0.
         position: (2,) of the array.
@@ -81,7 +85,7 @@ def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float)
 
     Args:
         predicted: (J, L, 4) particles [x, vx, y, vy].
-        weights: (J, L) of them, sum 1.
+        weights: (J, L) weights of the particles, sum 1.
         position: (2,) of the array.
         reach: its range [length]; may be infinite.
     """
@@ -95,7 +99,9 @@ def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float)
 def direction(heard: BearingFit, weights: Floats) -> Direction:
     """Return the circular mean and standard deviation of a target's bearing at an array, from its weighted particles.
 
-    `weights` are (J, L), of sum 1.
+    Args:
+        heard: has the bearing of each particle.
+        weights: (J, L) weights of the particles, sum 1.
     """
     c, s = float(np.vdot(weights, np.cos(heard.at))), float(np.vdot(weights, np.sin(heard.at)))
     length = min(math.hypot(c, s), 1.0)
@@ -103,9 +109,13 @@ def direction(heard: BearingFit, weights: Floats) -> Direction:
 
 
 def density(at: Floats, within: Bools, bearing: Floats, sigma: Floats) -> Floats:
-    """Return (N, J, L) normal densities [1/rad] of N bearings, given particle bearings `at` (J, L) in [-pi, pi].
+    """Return (N, J, L) normal densities [1/rad] of N bearings at L particles under J models.
 
-    Standard deviations are `sigma` (N,) [rad]; densities are 0 where not `within` (J, L).
+    Args:
+        at: (J, L) azimuths of the particles from the sensor [rad], in [-pi, pi].
+        within: (J, L) whether a particle is in the sensor's range; the density of others is 0.
+        bearing: (N,) measured bearings [rad].
+        sigma: (N,) their standard deviations [rad].
     """
     out = np.empty((len(bearing), *at.shape))
     for i, (a, s) in enumerate(zip(wrap_angle(bearing).tolist(), sigma.tolist(), strict=True)):
@@ -122,14 +132,14 @@ def density(at: Floats, within: Bools, bearing: Floats, sigma: Floats) -> Floats
 def merged_bearing_density(
     one: BearingFit, mine: Direction, other: Direction, *, bearing: Floats, sigma: Floats, resolution: float
 ) -> Floats:
-    """(N, J, L) density of a bearing of two targets heard as one, for each particle of `one`.
+    """Return (N, J, L) densities [1/rad] of bearings of two targets heard as one, at the first target's particles.
 
-    The bearing is taken for the middle of the two, the other for a Gaussian in bearing: the
-    other is within the resolution with the probability that this Gaussian gives, and then
-    anywhere there, which adds resolution^2 / 12 to the variance.  All zero where the targets are too far apart.
+    A bearing is taken for the middle of the two targets. The second is within the resolution with the probability of
+    its Gaussian prediction, and then anywhere there, which adds resolution^2 / 12 to the variance. All zero where the
+    targets are too far apart.
 
     Args:
-        one: bearings and particles of the first target.
+        one: bearings at the particles of the first target.
         mine: predicted bearing of the first target.
         other: predicted bearing of the second.
         bearing: (N,) that the array heard [rad].
@@ -147,7 +157,7 @@ def merged_bearing_density(
 
 @kernel
 def merge_probability(off: Floats, sigma: float, limit: float) -> Floats:
-    """Return (J, L) probabilities that normals of mean `off` (J, L) and standard deviation sigma lie within ± limit."""
+    """Return (J, L) probabilities that normals of mean `off` (J, L) and standard deviation sigma are within ± limit."""
     out = np.empty_like(off)
     scale = 1.0 / (math.sqrt(2.0) * sigma)
     for m in range(off.shape[0]):
@@ -159,12 +169,14 @@ def merge_probability(off: Floats, sigma: float, limit: float) -> Floats:
 def joint_data_association(
     alone: Floats, unheard: Floats, shared: Floats, separate: Floats, clutter: Floats
 ) -> BearingAssociation:
-    """Association probabilities of bearings and targets.
+    """Return the association probabilities of N bearings and K targets, by enumeration of all joint events.
+
+    Clusters of targets with common bearings are enumerated separately.
 
     Args:
         alone: (K, N) density of bearing i and that target k is heard with it [1/rad]; 0: impossible.
         unheard: (K,) probability that target k is not heard.
-        shared: (K, K, N) density of bearing i and that both targets are heard with it, symmetric.
+        shared: (K, K, N) density of bearing i and that both targets are heard with it [1/rad], symmetric.
         separate: (K, K) probability that two targets that are both heard are heard apart, symmetric.
         clutter: (N,) density of bearing i if it is clutter [1/rad], > 0.
     """
@@ -187,7 +199,7 @@ def joint_data_association(
 
 
 def _clusters(possible: Bools) -> list[Ints]:
-    """Return clusters (indices of targets) that share bearings, directly or through others.
+    """Return clusters of targets (arrays of indices) that have possible bearings in common, directly or through others.
 
     `possible` (K, N): bearing i may be of target k.
     """
@@ -208,17 +220,17 @@ def _clusters(possible: Bools) -> list[Ints]:
 
 
 def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
-    """Return groups of targets for joint enumeration, with at most `MAX_JOINT_EVENTS` events each.
+    """Return groups of targets that are enumerated together, with at most `MAX_JOINT_EVENTS` events each.
 
-    If there are more, the least likely bearing of a target with alternatives is dropped, which separates targets; a
+    If a cluster has more, the least likely bearing of a target with alternatives is dropped, which separates targets; a
     target's last bearing is dropped only if no target has an alternative.
 
     Args:
         possible: (K, N) booleans: bearing i may be of target k.
-        ratio: (K, N) how likely that is.
+        ratio: (K, N) density of that over the density of clutter.
 
     Returns:
-        For each group its k targets, and (k, N) bearings that remain possible.
+        For each group the indices of its k targets, and (k, N) booleans: bearings that remain possible.
     """
     left, found = _clusters(possible), []
     keep = possible.copy()
@@ -241,11 +253,20 @@ def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
 def _all_events(
     alone: Floats, unheard: Floats, shared: Floats, separate: Floats, possible: Bools
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Return marginal probabilities and the total weight of all association events.
+    """Return marginal probabilities over all association events of K targets and N bearings, and their total weight.
 
-    The results are `alone`, `unheard` and `shared` of `BearingAssociation`, and the sum of the weights; without
-    possible events no target is heard. Arguments are those of `joint_data_association`, `alone` and `shared` in units
-    of the clutter density; `possible` (K, N): bearing i may be of target k.
+    Densities are in units of the clutter density. If no event is possible, no target is heard and the total is 0.
+
+    Args:
+        alone: (K, N) relative density of bearing i and that target k is heard with it.
+        unheard: (K,) probability that target k is not heard.
+        shared: (K, K, N) relative density of bearing i and that both targets are heard with it.
+        separate: (K, K) probability that two targets that are both heard are heard apart.
+        possible: (K, N) booleans: bearing i may be of target k.
+
+    Returns:
+        (K, N) probabilities that bearing i is of target k alone; (K,) that target k is not heard; (K, K, N) that
+        bearing i is of both; the sum of the weights of all events.
     """
     K, N = alone.shape
     p_alone, p_unheard, p_shared = np.zeros((K, N)), np.zeros(K), np.zeros((K, K, N))
@@ -286,9 +307,9 @@ def _all_events(
 
 @kernel
 def _partner(choice: Ints, k: int) -> int:
-    """Index of another target with target k's bearing in an association event, or -1 if there is none.
+    """Return the index of another target with target k's bearing in an association event; -1 if there is none.
 
-    `choice` (K,) is the row of each target's bearing; -1: it is not heard. Target k must be heard.
+    `choice` (K,) is the index of each target's bearing; -1: it is not heard. Target k must be heard.
     """
     for other in range(choice.shape[0]):
         if other != k and choice[other] == choice[k]:
@@ -298,9 +319,16 @@ def _partner(choice: Ints, k: int) -> int:
 
 @kernel
 def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, separate: Floats) -> float:
-    """Return the weight of one association event; 0 if three targets share a bearing.
+    """Return the weight of one association event of K targets and N bearings; 0 if three targets share a bearing.
 
-    `choice` (K,) is the bearing of each target, -1 if it is not heard; other arguments are those of `_all_events`.
+    Densities are in units of the clutter density.
+
+    Args:
+        choice: (K,) index of each target's bearing; -1: it is not heard.
+        alone: (K, N) relative density of bearing i and that target k is heard with it.
+        unheard: (K,) probability that target k is not heard.
+        shared: (K, K, N) relative density of bearing i and that both targets are heard with it.
+        separate: (K, K) probability that two targets that are both heard are heard apart.
     """
     K = choice.shape[0]
     weight = 1.0
@@ -334,17 +362,18 @@ def reweigh(
     unheard: float,
     shared: Sequence[tuple[Floats, Floats]],
 ) -> Floats:
-    """Return (J, L) normalised weights of one target's particles after the association.
+    """Return (J, L) normalised weights of one target's particles after the association of an array's N bearings.
 
     If no particle is left with a weight, they are those before.
 
     Args:
         weights: (J, L) weights before.
-        heard: densities of the N bearings at the target's particles.
+        heard: densities of the bearings at the target's particles.
         detection: probability that a target in range is heard.
-        alone: (N,) row of `BearingAssociation`.
+        alone: (N,) probabilities that bearing i is of this target alone.
         unheard: probability that the target is not heard.
-        shared: for each other target (N,) probabilities and (N, J, L) densities, see `merged_bearing_density`.
+        shared: for each other target, (N,) probabilities that bearing i is of both, and (N, J, L) densities of it, from
+            `merged_bearing_density`.
     """
     silent = 1.0 - detection * heard.within
     out = unheard * silent / max(float(np.vdot(weights, silent)), 1e-300)

@@ -50,12 +50,12 @@ PLACE = (0, 2)
 
 
 def moved_to(states: Floats, position: Floats, covariance: Floats, normals: Floats) -> Floats:
-    """Return (L, 4) states with positions drawn about the measured one and velocities unchanged.
+    """Return (L, 4) states with positions drawn about a measured one and velocities unchanged, as in [Lee] Sec. 3.2.2.
 
     Args:
         states: (L, 4) states x, vx, y, vy of the particles.
         position: (2,) that cameras found.
-        covariance: (2, 2) of it, positive semi-definite.
+        covariance: (2, 2) of the position, positive semi-definite.
         normals: (L, 2) standard normal draws.
     """
     out = states.copy()
@@ -64,16 +64,15 @@ def moved_to(states: Floats, position: Floats, covariance: Floats, normals: Floa
 
 
 def updated(states: Floats, position: Floats, covariance: Floats, normals: Floats) -> Floats:
-    """(L, 4) states after the position was measured: each particle is moved by the gain of the cloud's covariance.
+    """Return (L, 4) states after a measurement of the position: the ensemble Kalman update of the particles.
 
-    This is the ensemble form of the Kalman filter: every particle has a measurement of its
-    own, drawn about the position.  The cloud's mean and covariance become those of the Kalman
-    filter, up to the chance of the draws.  A cloud without extent stays where it is.
+    Every particle has a measurement of its own, drawn about the position. The mean and covariance of the particles
+    become those of the Kalman filter, up to the chance of the draws. Particles without extent stay where they are.
 
     Args:
         states: (L, 4) states x, vx, y, vy of the particles.
         position: (2,) that cameras found.
-        covariance: (2, 2) of it, positive semi-definite.
+        covariance: (2, 2) of the position, positive semi-definite.
         normals: (L, 2) standard normal draws.
     """
     P = np.cov(states.T, bias=True)
@@ -92,7 +91,7 @@ def root(covariance: Floats) -> Floats:
 
 
 def expected_variance(position: Floats, origins: Floats, sigmas: Floats) -> float:
-    """Trace of the covariance with which two lines of sight would tell a position; inf where they do not cross.
+    """Return the trace of the covariance of a position triangulated by two cameras; inf where the lines do not cross.
 
     Args:
         position: (2,) position of the target.
@@ -122,7 +121,10 @@ class RequestMemory(NamedTuple):
 
 
 class CameraQuestion(NamedTuple):
-    """A request to cameras: the position of a known target, or of an unknown one on a line of sight."""
+    """A request to cameras for the position of a known target, or of an unknown one on a line of sight.
+
+    `causes` are the policies or triggers that asked; `label` is the identity that sensors give the target.
+    """
 
     number: int  # TENTATIVE: a target that is not known yet
     causes: tuple[str, ...]
@@ -132,7 +134,10 @@ class CameraQuestion(NamedTuple):
 
 
 class CameraAnswer(NamedTuple):
-    """Response to a camera request; `position` is None if nothing was found."""
+    """Answer to a camera request: the position found with covariance and label.
+
+    Position and covariance are None if nothing was found.
+    """
 
     ask: CameraQuestion
     position: Floats | None  # (2,)
@@ -147,9 +152,9 @@ def requests_after_scan(
 
     Args:
         state: state of the filter after the scan.
-        report: what came of the scan.
+        report: result of the scan: posteriors, counts of bearings.
         memory: earlier requests.
-        rng: draws tentative tracks on lines of sight.
+        rng: generator for tentative tracks on lines of sight.
     """
     assert state.t_ns is not None
     config, t_ns = state.world.config, state.t_ns
@@ -188,7 +193,7 @@ def requests_after_scan(
 def other_targets(state: ImmState, report: ImmStepResult, asked: Sequence[CameraQuestion]) -> list[CameraQuestion]:
     """Return requests, with cause `SHARED`, about confirmed targets that `asked` does not name.
 
-    The frames that are asked for may show them. Empty if `config.update_other_targets` is false or nothing is asked.
+    The requested frames may show them, too. Empty if `config.update_other_targets` is false or nothing is asked.
     """
     if not state.world.config.update_other_targets or not asked:
         return []
@@ -201,13 +206,21 @@ def other_targets(state: ImmState, report: ImmStepResult, asked: Sequence[Camera
 
 
 def _count_asks(config: ImmConfig, count: Count, memory: RequestMemory) -> bool:
+    """Return whether the number of an array's bearings is a cause to request cameras.
+
+    With policy `printed` and its trigger `count` it is where the number differs from that of the targets in range
+    ([Lee] Eq. 3.14); with policy `count` where it differs from that of the array's scan before.
+    """
     if "printed" in config.policies and "count" in config.printed and imm.count_differs(count.bearings, count.targets):
         return True
     return "count" in config.policies and count.bearings != memory.bearings.get(count.array, count.targets)
 
 
 def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) -> list[str]:
-    """Return the causes (of `bearing`, `ellipse`, `spread`) that ask cameras for one track after a scan."""
+    """Return the causes (of `bearing`, `ellipse`, `spread`) to request cameras for one track after a scan.
+
+    They are [Lee] Eqs. 3.15 and 3.16, and a standard deviation of the position above `request_sigma`.
+    """
     config, estimate, found = state.world.config, belief.estimate, []
     if "printed" in config.policies and "bearing" in config.printed:
         arrays = ((sensor - state.world.cameras, heard) for sensor, heard in report.scan.by_sensor())
@@ -227,18 +240,24 @@ def _own_causes(state: ImmState, report: ImmStepResult, belief: TrackPosterior) 
 
 
 def _reaches(state: ImmState, array: int, belief: TrackPosterior) -> bool:
+    """Return whether the estimated position of a track is in the range of array number `array`."""
     away = belief.estimate.mean[::2] - state.world.positions[array]
     return math.hypot(*away) <= float(state.world.reach[array])
 
 
 def _where(estimate: imm.ModelEstimates) -> tuple[Floats, Floats]:
+    """Return position (2,) and covariance (2, 2) of an estimate."""
     return estimate.mean[::2], estimate.covariance[::2, ::2]
 
 
 def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng: Generator) -> list[CameraQuestion]:
     """Return requests about possible unknown targets: tentative tracks, or else bearings assigned to no target.
 
-    `unknown` are the arrays with more bearings than targets in their range.
+    Args:
+        state: state of the filter after the scan.
+        report: result of the scan.
+        unknown: counts of the arrays with more bearings than targets in their range.
+        rng: generator for the particles of new tentative tracks.
     """
     waiting = [t for t in state.tracks if t.number == TENTATIVE]
     if not waiting:
@@ -247,7 +266,7 @@ def _leads(state: ImmState, report: ImmStepResult, unknown: Iterable[Count], rng
 
 
 def _lead(state: ImmState, scan: Scan, array: int, i: int, rng: Generator) -> Track:
-    """Return a tentative track on the line of sight of bearing `i` (row) that array `array` has in the scan."""
+    """Return a tentative track on the line of sight of bearing number `i` of array number `array` in the scan."""
     heard = dict(scan.by_sensor())[state.world.cameras + array]
     assert state.t_ns is not None
     return track_on_bearing(
@@ -256,6 +275,7 @@ def _lead(state: ImmState, scan: Scan, array: int, i: int, rng: Generator) -> Tr
 
 
 def _middle(track: Track) -> tuple[Floats, Floats]:
+    """Return mean position (2,) and covariance (2, 2) of a track's particles."""
     xy = track.cloud.states[:, ::2]
     return xy.mean(axis=0), np.cov(xy.T, bias=True)
 
@@ -263,14 +283,16 @@ def _middle(track: Track) -> tuple[Floats, Floats]:
 def apply_answer(
     state: ImmState, report: ImmStepResult, answers: Iterable[CameraAnswer], memory: RequestMemory, rng: Generator
 ) -> tuple[ImmState, ImmStepResult, RequestMemory]:
-    """Return the state updated with the positions that cameras found, its report, and the memory of vain requests.
+    """Return the state updated with the positions that cameras found, its report, and the memory of refused requests.
+
+    A position of an unknown target begins a confirmed track in place of its tentative one.
 
     Args:
         state: state of the filter after the scan.
-        report: what came of the scan.
+        report: result of the scan.
         answers: answers of the cameras, to requests of this time.
         memory: earlier requests.
-        rng: draws of positions.
+        rng: generator of the random numbers drawn.
     """
     assert state.t_ns is not None
     config, t_ns, free = state.world.config, state.t_ns, state.free
@@ -309,14 +331,15 @@ def _number(label: int, tracks: list[Track], free: int) -> int:
 
 
 def _same_lead(track: Track, answer: CameraAnswer) -> bool:
-    """Return whether a tentative track is the one that the answer concerns."""
+    """Return whether a tentative track is the one that the answer's request was about, by its mean position."""
     return track.number == TENTATIVE and bool(np.array_equal(_middle(track)[0], answer.ask.position))
 
 
 def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng: Generator) -> Track:
-    """Return the track updated with its position from cameras.
+    """Return a track updated with a position from cameras.
 
-    It is certain to exist, was last met at `t_ns`, and has the answer's label, if that has one.
+    The particles are changed by `moved_to` or `updated`, as the setting `camera_fix` states. The existence probability
+    is then 1, `t_ns` the time of the last detection, and the track has the answer's label, if any.
     """
     assert answer.position is not None
     assert answer.covariance is not None
@@ -328,7 +351,7 @@ def _fixed(config: ImmConfig, track: Track, answer: CameraAnswer, t_ns: int, rng
 
 
 def _moments(track: Track) -> imm.ModelEstimates:
-    """Return mean and covariance of a track's particles over all models."""
+    """Return mean and covariance of a track's equally weighted particles."""
     states = track.cloud.states
     return imm.moments(states[None], np.full((1, len(states)), 1.0 / len(states)))
 
@@ -353,7 +376,7 @@ class CameraRequest(NamedTuple):
 
 
 class _CameraFix(NamedTuple):
-    """C intersections of the lines of sight of two cameras, with covariances and identities."""
+    """C intersections of the lines of sight of two cameras, with covariances and the labels of the lines."""
 
     xy: Floats  # (C, 2)
     covariance: Floats  # (C, 2, 2)
@@ -361,7 +384,10 @@ class _CameraFix(NamedTuple):
 
 
 class CameraRequests:
-    """Frames of the cameras, of which only requested ones are processed."""
+    """Frames of the cameras as answers to requests; only frames that are requested count as processed.
+
+    `offered` is the number of frames that could have been requested.
+    """
 
     def __init__(self, scene: Scene, config: ImmConfig) -> None:
         """Start without frames, with the cameras of the scene."""
@@ -373,7 +399,10 @@ class CameraRequests:
         self.offered = 0  # frames that could have been asked for
 
     def put(self, scan: Scan) -> None:
-        """Store the camera frames of a scan, one for each camera; labels below 0 mean unlabelled."""
+        """Store the camera rows of a scan as frames, one for each camera; labels below 0 mean unlabelled.
+
+        Frames become available after the setting `answer_delay_s`.
+        """
         for camera, frame in scan.take(scan.sensor < len(self._cameras)).by_sensor():
             known = frame._replace(target_id=np.maximum(frame.target_id, UNLABELLED))
             self._coming.setdefault(camera, deque()).append(known)
@@ -388,12 +417,12 @@ class CameraRequests:
                 self._frames[camera] = coming.popleft()
 
     def ask(self, asks: Sequence[CameraQuestion], others: Sequence[CameraQuestion], t_ns: int) -> list[CameraRequest]:
-        """Answers to all questions of one time, in their order, and then other targets found; frames count once.
+        """Return the answers to all requests of one time, in their order, then other targets found in the same frames.
 
         Args:
-            asks: questions, each about one target.
-            others: targets that no question is about, which the same frames may show as well.
-            t_ns: time of the questions.
+            asks: requests, each about one target.
+            others: targets that no request is about, which the same frames may show as well.
+            t_ns: time of the requests [ns].
         """
         # Choose two cameras for each question
         self._arrive(t_ns)
@@ -423,13 +452,18 @@ class CameraRequests:
         return _once([*out, *(more[k] for k in sorted(more))])
 
     def _names(self, cameras: Sequence[int]) -> tuple[str, ...]:
+        """Return the names of cameras given by number."""
         return tuple(self._cameras[c].name for c in cameras)
 
     def _pair(self, ask: CameraQuestion, fresh: list[int], asked: list[Pair]) -> Pair | None:
         """Return the two cameras with the smallest expected position error, preferably those that can see the position.
 
-        Two cameras already requested (`asked`) are preferred if nearly as good. `fresh` are the cameras with a recent
-        frame; None if fewer than two have one.
+        Two cameras already requested are preferred if nearly as good. None if fewer than two have a recent frame.
+
+        Args:
+            ask: the request, with the expected position.
+            fresh: numbers of the cameras with a recent frame.
+            asked: pairs of cameras that earlier requests of this time use.
         """
         ranks = {pair: self._rank(ask.position, pair) for pair in combinations(fresh, 2)}
         if not ranks:
@@ -441,7 +475,7 @@ class CameraRequests:
         return best
 
     def _rank(self, position: Floats, pair: Pair) -> tuple[int, float]:
-        """Return how many of two cameras cannot see a position, and the expected variance of their estimate."""
+        """Return how many of two cameras cannot see `position` (2,), and the variance expected of a triangulation."""
         assert self._sensors is not None
         at = np.ascontiguousarray(position[None])
         blind = sum(not seen_from(at, c, self._sensors)[0] for c in pair)
@@ -450,6 +484,8 @@ class CameraRequests:
 
     def _sigma(self, camera: int) -> float:
         """Return the standard deviation of a camera's bearing [rad] from its stated noise.
+
+        `DEFAULT_BEARING_SIGMA_RAD` if no noise is stated.
 
         Nothing of its frame is used, since the frame has not been requested yet.
         """
@@ -461,6 +497,7 @@ class CameraRequests:
         """Return intersections of the lines of sight in the last frames of two cameras, for equal labels.
 
         Unlabelled candidates are crossed in all pairs. Covariances include what targets may have walked up to `t_ns`.
+        Intersections outside the room count for labelled targets only.
         """
         one, other = (self._frames[c] for c in pair)
         i, j = np.nonzero(one.target_id[:, None] == other.target_id)
@@ -485,8 +522,13 @@ class CameraRequests:
     ) -> list[CameraAnswer]:
         """Return an answer for each of `asks`, then of `others`, with the intersection assigned to it, if any.
 
-        Targets get those of their label if present, else the nearest; each intersection once. Known targets have
-        priority over unknown ones.
+        A target gets the intersection with its label if there is one, else the nearest within the gate; each
+        intersection is used once. Known targets have priority over unknown ones.
+
+        Args:
+            asks: requests.
+            others: other targets that the frames may show.
+            found: intersections of lines of sight of two cameras, with covariances and labels.
         """
         # Match by label
         everyone = [*asks, *others]
@@ -520,11 +562,12 @@ class CameraRequests:
 
 
 def _answer(ask: CameraQuestion, found: _CameraFix, c: int) -> CameraAnswer:
+    """Return the answer to a request, with position, covariance and label of intersection number `c` of `found`."""
     return CameraAnswer(ask, found.xy[c], found.covariance[c], int(found.label[c]))
 
 
 def _once(requests: list[CameraRequest]) -> list[CameraRequest]:
-    """Return the requests; an answer with a position that an earlier one has is made empty."""
+    """Return the requests, in which an answer with the position of an earlier one is made empty."""
     seen: set[tuple[float, ...]] = set()
     out = []
     for request in requests:

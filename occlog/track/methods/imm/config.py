@@ -162,7 +162,7 @@ class ImmConfig(SmoothingConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that `start` has six numbers for each target."""
+        """Generate (setting, whether it fits, limit as text) for the values of `start`, six for each target."""
         limit = "X,Y,SIGMA,VX,VY,SIGMA_V of each target, SIGMA and SIGMA_V >= 0"
         yield "start", _good_start(self.start), limit
 
@@ -178,6 +178,7 @@ class ImmConfig(SmoothingConfig):
 
 
 def _good_start(start: tuple[float, ...] | None) -> bool:
+    """Return whether `start` is None, or has six values for each target with no standard deviation below 0."""
     if start is None:
         return True
     return len(start) > 0 and len(start) % START_NUMBERS == 0 and all(s >= 0 for s in (*start[2::6], *start[5::6]))

@@ -71,7 +71,10 @@ MIN_UNASSIGNED_TO_INITIATE = 0.5
 
 
 class ImmState(NamedTuple):
-    """All targets at the time of the last scan; `t_ns` is None before the first."""
+    """State of the filter at the time of the last scan: all tracks, confirmed and tentative.
+
+    `t_ns` is None before the first scan.
+    """
 
     world: ImmWorld
     tracks: tuple[Track, ...]  # of targets and candidates; confirmed ones first, by number
@@ -80,7 +83,10 @@ class ImmState(NamedTuple):
 
 
 class Count(NamedTuple):
-    """Number of bearings of an array, and the expected number."""
+    """Number of bearings of an array in a scan, and the number of targets in its range.
+
+    `array` is its number, cameras not counted; `free` are the indices of the bearings assigned to no target.
+    """
 
     array: int
     bearings: int
@@ -98,7 +104,7 @@ class TrackPosterior(NamedTuple):
 
 
 class ImmStepResult(NamedTuple):
-    """What came of a scan: posteriors of confirmed tracks, counts of bearings, and the evidence."""
+    """Result of a scan: posteriors of confirmed tracks by number, counts of bearings by array, and the log evidence."""
 
     beliefs: tuple[TrackPosterior, ...]  # by number
     counts: tuple[Count, ...]
@@ -113,13 +119,13 @@ def init(scene: Scene, config: ImmConfig, rng: Generator) -> ImmState:
 
 
 def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStepResult]:
-    """Return the state after a scan of any arrays, and what came of it.
+    """Return the state after a scan of any arrays, and its result.
 
     Args:
         state: state before the scan.
-        scan: rows of arrays alone, not earlier than the last ones; an array that has rows but none
-            that is seen listened in vain.
-        rng: draws of all targets.
+        scan: rows of microphone arrays alone, not earlier than the last ones; an array that has rows but none that is
+            seen listened without hearing anything.
+        rng: generator of the random numbers drawn.
     """
     world, t_ns = state.world, scan.t_ns
     # Propose: move all particles under every motion model (Eq. 3.3)
@@ -157,10 +163,15 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, ImmStep
 
 
 def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, config: ImmConfig) -> tuple[Track, float]:
-    """Return the track, and the effective number of ancestors on which its covariance rests; infinity if they suffice.
+    """Return a track, and the effective number of ancestors on which its covariance rests; infinity if they suffice.
 
-    Ancestors are counted afresh once process noise has restored the diversity. `lineage` is that of the particles,
-    `estimate` their mean and covariance.
+    With too few ancestors the count begins again once process noise has restored the diversity.
+
+    Args:
+        track: the track.
+        lineage: ancestry of its particles.
+        estimate: mean and covariance of the particles.
+        config: settings of the method.
     """
     families = lineage.effective()
     if families >= MIN_EFFECTIVE_SAMPLE_SIZE:
@@ -171,7 +182,7 @@ def _rests_on(track: Track, lineage: Genealogy, estimate: imm.ModelEstimates, co
 
 
 def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
-    """Return whether the track's mean position is in the range of array `array` (row of `world.positions`)."""
+    """Return whether the track's mean position is in the range of array number `array`."""
     if math.isinf(world.reach[array]):
         return True
     x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.positions[array]
@@ -179,9 +190,16 @@ def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
 
 
 def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
-    """Return the tracks updated with an array's bearings, the unassigned bearings (rows), and the log density of all.
+    """Update all tracks with the bearings of one array.
 
-    `array` is its row in `world.positions`, `heard` has its rows of the scan.
+    Args:
+        world: scene and settings.
+        moved: tracks moved to the time of the scan.
+        array: number of the array.
+        heard: the array's rows of the scan.
+
+    Returns:
+        The tracks, the indices of the bearings that belong to no track, and the log density of all bearings.
     """
     if heard.labelled.any():
         moved = _labelled(world, moved, array, heard)
@@ -192,7 +210,7 @@ def _update_by_array(world: ImmWorld, moved: list[Moved], array: int, heard: Sca
 
 
 def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[BearingFit]:
-    """Return, for each track, the densities at its particles of the bearings `heard` by array `array` (row)."""
+    """Return, for each track, the densities at its particles of the bearings `heard` by array number `array`."""
     position, reach = world.positions[array], float(world.reach[array])
     return [
         bearing_fit(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
@@ -201,9 +219,9 @@ def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[
 
 
 def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
-    """Return the tracks, each new label in `heard` being given to the unlabelled track that its bearing fits best.
+    """Give each new label of `heard` to the unlabelled track that its bearing fits best, and return the tracks.
 
-    A label that no track fits better than clutter is not given. `moved` is changed in place.
+    A label that no track fits better than a uniform density is not given. `moved` is changed in place.
     """
     fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
     for i in np.flatnonzero(heard.labelled).tolist():
@@ -218,9 +236,9 @@ def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> l
 
 
 def _allowed(moved: list[Moved], heard: Scan) -> Bools:
-    """Return (K, N) booleans: bearing i can belong to track k.
+    """Return (K, N) booleans: bearing i can belong to track k by their labels.
 
-    Labels must agree, and a label assigned to one track excludes the others.
+    A track with its own label among the bearings can have no other; a labelled bearing can be of no other track.
     """
     if not heard.labelled.any():
         return np.ones((len(moved), len(heard.bearing)), dtype=np.bool_)
@@ -238,9 +256,14 @@ def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
 def _associate_jointly(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[BearingAssociation, list[Moved]]:
-    """Associate an array's bearings jointly with all K tracks; return the association and the reweighted tracks.
+    """Associate an array's bearings jointly with all tracks; return the association and the reweighted tracks.
 
-    `allowed` (K, N): bearing i can belong to track k.
+    Args:
+        world: scene and settings.
+        moved: K tracks at the time of the scan.
+        array: number of the array.
+        heard: the array's N rows of the scan.
+        allowed: (K, N) booleans: bearing i can belong to track k.
     """
     K, N, config = len(moved), len(heard.bearing), world.config
     fits = _fits(world, moved, array, heard)
@@ -269,10 +292,18 @@ def _associate_jointly(
 def _merged_densities(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, fits: list[BearingFit]
 ) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
-    """Return densities of bearings from two merged targets.
+    """Return the densities of bearings of two targets that an array hears as one.
 
-    These are (K, K, N) densities, (K, K) probabilities that the two are resolved, and the densities (N, J, L) for the
-    particles of k merged with b, by (k, b). `fits` are the densities of single targets.
+    Args:
+        world: scene and settings.
+        moved: K tracks at the time of the scan.
+        array: number of the array.
+        heard: the array's N rows of the scan.
+        fits: densities of the bearings for single targets.
+
+    Returns:
+        (K, K, N) densities of bearing i for two targets [1/rad]; (K, K) probabilities that the two are heard apart; by
+        (k, b), the densities (N, J, L) at the particles of k if merged with b, for pairs near enough.
     """
     K, N, resolution = len(moved), len(heard.bearing), float(world.resolution[array])
     shared, separate = np.zeros((K, K, N)), np.ones((K, K))
@@ -308,7 +339,14 @@ def _associate_any(
 ) -> tuple[BearingAssociation, list[Moved]]:
     """Associate every bearing with every track ([Lee] Eq. 3.6); return the association and the reweighted tracks.
 
-    Silence does not constrain positions. `allowed` (K, N): bearing i can belong to track k.
+    Hearing nothing does not change the weights.
+
+    Args:
+        world: scene and settings.
+        moved: K tracks at the time of the scan.
+        array: number of the array.
+        heard: the array's N rows of the scan.
+        allowed: (K, N) booleans: bearing i can belong to track k.
     """
     K, N, config = len(moved), len(heard.bearing), world.config
     position, reach = world.positions[array], float(world.reach[array])
@@ -332,6 +370,16 @@ def _associate_any(
 
 
 def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard: float, array: int) -> Moved:
+    """Return a track with new particle weights and its existence probability after an array's scan.
+
+    Args:
+        m: track before.
+        weights: (J, L) new weights of its particles.
+        reached: probability that it is in the array's range.
+        config: settings of the method.
+        unheard: probability that no bearing is of it.
+        array: number of the array.
+    """
     track = update_existence(m.track, reached, config.detection_probability, unheard)
     arrays = (*m.arrays, array)
     return m._replace(
@@ -340,10 +388,17 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
 
 
 def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
-    """Return new tracks on the lines of sight of an array's unassigned bearings `free`.
+    """Return new tracks on the lines of sight of the bearings of an array that belong to no track.
 
-    A labelled bearing has a confirmed track of that number; if the number is in `numbers`, to which new ones are added,
-    the track is tentative. Unlabelled ones begin tracks only with joint association and a birth probability above 0.
+    A labelled bearing begins a confirmed track of that number, or a tentative one if the number is taken. Unlabelled
+    ones begin tentative tracks, only with joint association and a birth probability above 0.
+
+    Args:
+        world: scene and settings.
+        array: number of the array.
+        free: rows of the bearings.
+        numbers: numbers of existing tracks; new ones are added in place.
+        rng: generator of the random numbers drawn.
     """
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, initiated = world.config, []
@@ -359,13 +414,17 @@ def _initiate_tracks(world: ImmWorld, array: int, free: Scan, numbers: set[int],
 
 
 def _with_hit(m: Moved, t_ns: int) -> Track:
-    """Return the track; if it was heard in the scan, with one more hit (unless it is new) and `t_ns` as its last."""
+    """Return the track of `m`; if it was heard in the scan at `t_ns`, that is its last time.
+
+    It then also has one more hit, unless it is new.
+    """
     if not m.heard:
         return m.track
     return m.track._replace(hits=m.track.hits + (not m.initiated), met_ns=t_ns)
 
 
 def _existing_tracks(track: Track, t_ns: int, config: ImmConfig) -> bool:
+    """Return whether a track goes on: it exists with sufficient probability, and was heard or seen recently enough."""
     return track.exists >= config.deletion_threshold and t_ns - track.met_ns <= config.max_coasting_s * NS
 
 
@@ -394,6 +453,10 @@ def estimates(report: ImmStepResult, scene: Scene) -> list[tuple[int, Estimate]]
 
 
 def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Estimate:
+    """Return the estimate of one confirmed target after a scan; `cameras` is the number of the scene's cameras.
+
+    `fallback` is `depleted` if the effective sample size is below `MIN_EFFECTIVE_SAMPLE_SIZE`.
+    """
     e, m = belief.estimate, belief.moved
     evidence = report.log_evidence
     return Estimate(
@@ -410,7 +473,10 @@ def _estimate(belief: TrackPosterior, report: ImmStepResult, cameras: int) -> Es
 
 
 def trace(result: tuple[ImmState, int]) -> TrackTrace:
-    """Return what smoothing needs of one target after the last step; `result` is the state and the target's number."""
+    """Return the record of one target after the last step that smoothing needs.
+
+    `result` is the state and the number of the target.
+    """
     state, number = result
     assert state.t_ns is not None
     return trace_of(next(track for track in state.tracks if track.number == number), state.t_ns)
@@ -434,7 +500,10 @@ LATE_PERIOD_SHARE = 0.5
 
 
 class ListeningTimes:
-    """Clock of one microphone array: its interval between scans, and when it should have listened."""
+    """Clock of one microphone array, which states when it should have listened.
+
+    Its interval between scans is 1 / rate of the scene, or else the shortest of the last intervals between its rows.
+    """
 
     def __init__(self, array: MicrophoneArray) -> None:
         """Start before the first row; the interval is known if the scene states the array's rate."""
@@ -451,7 +520,7 @@ class ListeningTimes:
         return min(self._gaps) if len(self._gaps) >= MIN_INTERVALS else None
 
     def heard(self, t_ns: int) -> None:
-        """Record a row of the array at a time."""
+        """Record that the array has a row at time `t_ns` [ns]."""
         if self._row_ns is not None:
             self._gaps.append(t_ns - self._row_ns)
         self._row_ns = self.last_ns = t_ns
@@ -459,7 +528,7 @@ class ListeningTimes:
     def due(self, t_ns: int, most: int) -> list[int]:
         """Return the times [ns] before `t_ns` at which the array listened in vain, the first `most` of them.
 
-        All of them count as past afterwards.
+        All of them count as past afterwards. Empty if the interval is unknown or the array has had no row.
         """
         period = self.period_ns
         if period is None or self.last_ns is None or period <= 0:
@@ -472,14 +541,14 @@ class ListeningTimes:
 
 
 class ArrayScans:
-    """Scans of all arrays, including scans without detections."""
+    """Scans of all microphone arrays, with added scans in which arrays listened without hearing anything."""
 
     def __init__(self, scene: Scene, forget_s: float) -> None:
         """Start before the first row.
 
         Args:
             scene: the arrays.
-            forget_s: of a silence that is longer, only this much is gone through [s].
+            forget_s: longest time without a row that is processed as silence [s]; of a longer one only this much.
         """
         self._cameras = len(scene.cameras)
         self._clocks = [ListeningTimes(a) for a in scene.arrays]

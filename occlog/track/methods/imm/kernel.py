@@ -36,14 +36,18 @@ RANGE_SIGMAS = 2.0
 
 
 class ImmParticles(NamedTuple):
-    """L equally weighted particles of a target after a step, with the motion model each was moved under."""
+    """L equally weighted particles [x, vx, y, vy] of a target after a step, each with its motion model in the step."""
 
     states: Floats  # (L, 4)
     models: Ints  # (L,) model each was moved under; read only if there are switching probabilities
 
 
 class MotionModels(NamedTuple):
-    """J motion models of a target for one step, as `turns.move` takes them, with switching probabilities."""
+    """J motion models of a target for one step, with the noise of the step and switching probabilities.
+
+    `models` (J, 3) has a lateral acceleration and one along x and y for each; `root` (2, 2) is the Cholesky factor of
+    the noise of position and velocity per axis.
+    """
 
     models: Floats  # (J, 3)
     root: Floats  # (2, 2) noise of this step
@@ -59,7 +63,7 @@ class ImmNoise(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """Particle weights of one step, with the likelihood of the bearings."""
+    """Weights of L particles under J models after N bearings, and the log likelihood of the bearings."""
 
     each: Floats  # (N, J, L) w_m^i(l) of Eq. 3.6, sum 1
     total: Floats  # (J, L) sum over i; the weights before the bearings if missing
@@ -67,7 +71,10 @@ class Weights(NamedTuple):
 
 
 class ModelEstimates(NamedTuple):
-    """Weighted mean and covariance of one step, in total and per model; NaN for a model of zero weight."""
+    """Weighted mean and covariance of [x, vx, y, vy] after a step, in total and for each of J motion models.
+
+    Those of a model of zero weight are NaN.
+    """
 
     mean: Floats  # (4,)
     covariance: Floats  # (4, 4)
@@ -77,9 +84,9 @@ class ModelEstimates(NamedTuple):
 
 
 class ImmStep(NamedTuple):
-    """Full result of one filter step.
+    """Result of one filter step: particles, estimate, and the predicted particles with weights.
 
-    The ellipses of Eq. 3.16 are those of the predicted particles: `moments(predicted, prior)`.
+    The ellipses of [Lee] Eq. 3.16 are those of the predicted particles: `moments(predicted, prior)`.
     """
 
     cloud: ImmParticles
@@ -90,7 +97,7 @@ class ImmStep(NamedTuple):
 
 
 def draw(rng: np.random.Generator, models: int, particles: int) -> ImmNoise:
-    """The random numbers of one step for J models and L particles."""
+    """Return the random numbers of one step for J = `models` models and L = `particles` particles."""
     return ImmNoise(rng.standard_normal((models, particles, 4)), float(rng.random()), rng.random(particles))
 
 
@@ -104,7 +111,7 @@ def step(
     sigma: Floats,
     position: Floats,
 ) -> ImmStep:
-    """One step of the filter for one target and one sensor: [Lee] Eqs. 3.3-3.6.
+    """Return the result of one step of the filter for one target and one sensor, [Lee] Eqs. 3.3-3.6.
 
     Args:
         cloud: the particles after the step before.
@@ -127,12 +134,13 @@ def step(
 
 
 def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
-    """Return (J, L) normalised weights of particles moved under all J = `count` models, before any bearing.
+    """Return (J, L) normalised weights of L particles moved under each of J models, before any bearing.
 
     Args:
         models: (L,) model of each particle in the step before.
-        count: number of models.
-        switching: see `MotionModels`; None gives equal weights, as in the thesis.
+        count: number J of models.
+        switching: (J, J) probabilities of a model now (columns) given that before (rows); None: equal weights, as in
+            [Lee].
     """
     if switching is None:
         return np.full((count, len(models)), 1.0 / (count * len(models)))
@@ -140,12 +148,12 @@ def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
 
 
 def update_weights(predicted: Floats, prior: Floats, bearing: Floats, sigma: Floats, position: Floats) -> Weights:
-    """Weights of particles after the bearings of one sensor; [Lee] Eqs. 3.4-3.6 in the log domain.
+    """Return the weights of particles after the bearings of one sensor, [Lee] Eqs. 3.4-3.6 in the log domain.
 
     Args:
-        predicted: (J, L, 4) particles.
+        predicted: (J, L, 4) particles [x, vx, y, vy].
         prior: (J, L) weights before.
-        bearing: (N,) measured bearings [rad], in any order; none is silence, which leaves the weights as they are.
+        bearing: (N,) measured bearings [rad], in any order; without any the weights stay as they are.
         sigma: (N,) standard deviations [rad], > 0.
         position: (2,) position of the sensor.
     """
@@ -162,10 +170,9 @@ def update_weights(predicted: Floats, prior: Floats, bearing: Floats, sigma: Flo
 
 @array_kernel
 def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale: Floats) -> tuple[Floats, float]:
-    """(N, J, L) log likelihoods of N bearings, up to a constant, and the largest of all.
+    """Return (N, J, L) log likelihoods of N bearings at particles, up to a constant, and the largest of all.
 
-    They are -inf where the prior is 0: what cannot be must not set the scale, all others
-    might vanish next to it.
+    They are -inf where the prior is 0, so that an impossible particle does not set the scale.
 
     Args:
         at: (J, L) bearings of the particles in [-pi, pi].
@@ -209,7 +216,10 @@ def _times_prior(each: Floats, top: float, prior: Floats) -> tuple[Floats, float
 
 
 def moments(particles: Floats, weights: Floats) -> ModelEstimates:
-    """Mean and covariance of `particles` (J, L, 4) with `weights` (J, L) of sum 1, in all and for each of J models."""
+    """Return mean and covariance of weighted particles, in total and for each of J motion models.
+
+    `particles` (J, L, 4) are [x, vx, y, vy], `weights` (J, L) sum to 1. Those of a model of zero weight are NaN.
+    """
     mu, means, covariances = _moments(particles, weights)
     some = mu > 0.0
     mean = mu[some] @ means[some]
@@ -220,9 +230,9 @@ def moments(particles: Floats, weights: Floats) -> ModelEstimates:
 
 @array_kernel
 def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return mu (J,), means (J, 4) and covariances (J, 4, 4) of each model, as in `ModelEstimates`.
+    """Return total weights (J,), means (J, 4) and covariances (J, 4, 4) of the particles of each of J models.
 
-    `x` are (J, L, 4) particles, `w` (J, L) weights; NaN for a model without weight.
+    `x` are (J, L, 4) particles, `w` (J, L) weights; mean and covariance are NaN for a model without weight.
     """
     J, L = w.shape
     mu, means, covariances = np.zeros(J), np.full((J, 4), math.nan), np.full((J, 4, 4), math.nan)
@@ -261,9 +271,8 @@ def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
 def resample(weights: Floats, u: float, picks: Floats) -> tuple[Ints, Ints]:
     """Return rows and models, (n,) each, of n particles drawn from (J, L) weights of sum 1.
 
-    Rows l are drawn systematically by their weight over all models, each row's model by a
-    draw of its own.  In silence every row is so kept exactly once, under any model; one
-    systematic draw from all J L would there take every J-th and with it one model in step.
+    Rows are drawn systematically by their weight over all models, the model of each by a draw of its own. Without
+    bearings every row is so kept exactly once, under any model.
 
     Args:
         weights: (J, L) weights of L particles under J models.
@@ -286,7 +295,7 @@ def taken(predicted: Floats, models: Ints, rows: Ints) -> Floats:
 
 @kernel
 def _models_of(weights: Floats, rows: Ints, picks: Floats) -> Ints:
-    """Return (n,) a model for each of `rows` (n,), drawn by that row's weights in `weights` (J, L).
+    """Return (n,) a model for each of `rows` (n,), drawn by the weights (J, L) of that row.
 
     `picks` (n,) are draws from U[0, 1). Models of zero weight are never drawn.
     """
@@ -308,14 +317,20 @@ def _models_of(weights: Floats, rows: Ints, picks: Floats) -> Ints:
 
 
 def count_differs(bearings: int, objects: int) -> bool:
-    """True if the number of bearings is not that of the objects known before; [Lee] Eq. 3.14."""
+    """Return whether the number of bearings differs from that of the known targets, [Lee] Eq. 3.14."""
     return bearings != objects
 
 
 def outside_ranges(mean: Floats, bearing: Floats, sigma: Floats, position: Floats) -> bool:
-    """Return whether the bearing of the estimate `mean` (4,) is in no bearing's 95 % range; [Lee] Eq. 3.15, wrapped.
+    """Return whether the bearing of an estimate is in no measured bearing's 95 % range, [Lee] Eq. 3.15, wrapped.
 
-    In silence there is no range, and it is True.  `bearing`, `sigma` and `position` are those of `update_weights`.
+    True without bearings.
+
+    Args:
+        mean: (4,) estimate [x, vx, y, vy].
+        bearing: (N,) measured bearings [rad].
+        sigma: (N,) standard deviations [rad].
+        position: (2,) position of the sensor.
     """
     expected = math.atan2(mean[2] - position[1], mean[0] - position[0])
     off = np.abs(wrap_angle(bearing - expected))
@@ -323,12 +338,12 @@ def outside_ranges(mean: Floats, bearing: Floats, sigma: Floats, position: Float
 
 
 def outside_ellipses(mean: Floats, means: Floats, covariances: Floats) -> bool:
-    """True if the position of the (4,) estimate is in no model's 95 % ellipse; [Lee] Eq. 3.16.
+    """Return whether the position of an estimate is in no model's 95 % ellipse, [Lee] Eq. 3.16.
 
     Args:
-        mean: (4,) estimate.
-        means: (J, 4) of the models' particles; a model with NaN has no ellipse.
-        covariances: (J, 4, 4) of them; without extent the ellipse is a line or a point.
+        mean: (4,) estimate [x, vx, y, vy].
+        means: (J, 4) means of the models' particles; a model with NaN has no ellipse.
+        covariances: (J, 4, 4) covariances of the models' particles; without extent the ellipse is a line or a point.
     """
     for centre, covariance in zip(means[:, ::2], covariances[:, ::2, ::2], strict=True):
         if np.isnan(centre).any():
@@ -343,7 +358,7 @@ def outside_ellipses(mean: Floats, means: Floats, covariances: Floats) -> bool:
 
 
 def position_sigma(covariance: Floats) -> float:
-    """Return the root of the trace of the position covariance, from the (4, 4) state covariance."""
+    """Return the root of the trace of the position covariance [length], from a (4, 4) covariance of [x, vx, y, vy]."""
     return math.sqrt(max(0.0, float(covariance[0, 0] + covariance[2, 2])))
 
 

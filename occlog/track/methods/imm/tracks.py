@@ -37,7 +37,7 @@ REJUVENATION_VARIANCE_SHARE = 0.25
 
 
 class Genealogy(NamedTuple):
-    """Ancestry of a target's particles: the initial particle from which each descends."""
+    """Ancestry of a target's particles: the ancestor from which each descends, and the time since [s]."""
 
     families: Ints  # (L,)
     since_s: float  # how long ago that was
@@ -58,14 +58,14 @@ def new_genealogy(particles: int) -> Genealogy:
 
 
 def is_rejuvenated(lineage: Genealogy, covariance: Floats, sigma_v: float) -> bool:
-    """Return whether process noise alone explains (nearly) the particles' covariance.
+    """Return whether process noise alone explains a quarter of the particles' variance along their widest axis.
 
-    White acceleration gives a position the variance sigma_v^2 t^3 / 3 per axis.
+    The particles are then diverse again. White acceleration gives a position the variance sigma_v^2 t^3 / 3 per axis.
 
     Args:
-        lineage: ancestry of the particles.
+        lineage: ancestry of the particles, with the time t.
         covariance: (2, 2) covariance of the particles' positions.
-        sigma_v: noise of the velocity per axis, accumulated over 1 s.
+        sigma_v: noise of the velocity per axis, accumulated over 1 s [length/s].
     """
     widest = float(np.linalg.eigvalsh(covariance)[-1])
     return bool(sigma_v**2 * lineage.since_s**3 / 3.0 >= REJUVENATION_VARIANCE_SHARE * widest)
@@ -81,7 +81,7 @@ MAX_DRAWS = 20
 
 
 class Track(NamedTuple):
-    """A confirmed or tentative target with its particles and its probability of existence."""
+    """A confirmed or tentative target: its particles, its probability of existence, and its detections."""
 
     number: int  # TENTATIVE until it is confirmed
     label: int  # identity that sensors give it; UNLABELLED_TRACK: none did
@@ -94,7 +94,7 @@ class Track(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """A track at a scan's time, before and during its update."""
+    """A track with its particles moved to a scan's time under each of J models, and their weights during the update."""
 
     track: Track
     predicted: Floats  # (J, L, 4)
@@ -106,7 +106,7 @@ class Moved(NamedTuple):
 
 
 class ImmWorld(NamedTuple):
-    """Scene and settings as constants of the filter."""
+    """Scene and settings as constants of the filter, with data of A microphone arrays."""
 
     config: ImmConfig
     models: Floats  # (3, 3) of `turns`
@@ -120,7 +120,7 @@ class ImmWorld(NamedTuple):
 
 
 def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
-    """Return the arrays and the room of the scene, and the settings, in the filter's form."""
+    """Return the arrays and the room of a scene, and the settings, as constants of the filter."""
     arrays = scene.arrays
     positions = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
     region = np.ascontiguousarray(scene.region)
@@ -150,15 +150,20 @@ def _reach(far: float, height: float, sources: float | None) -> float:
 
 
 def initial_tracks(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
-    """Return a confirmed track for each target in `config.start`, numbered from 0, last met at `t_ns`."""
+    """Return a confirmed track for each target in `config.start`, numbered from 0, with `t_ns` as last detection."""
     starts = np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()
     return tuple(confirmed_track(config, n, start, t_ns, rng) for n, start in enumerate(starts))
 
 
 def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
-    """Return the confirmed track `number` with a known initial state: `start` is X, Y, SIGMA, VX, VY, SIGMA_V.
+    """Return the confirmed track `number` with a known initial state.
 
-    SIGMA and SIGMA_V are standard deviations per axis; `t_ns` is when it was last met.
+    Args:
+        config: settings of the method.
+        number: number of the track.
+        start: X, Y, SIGMA, VX, VY, SIGMA_V with standard deviations per axis.
+        t_ns: time that counts as its last detection [ns].
+        rng: generator of the random numbers drawn.
     """
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
@@ -166,7 +171,7 @@ def confirmed_track(config: ImmConfig, number: int, start: Sequence[float], t_ns
 
 
 def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns: int) -> Track:
-    """Return a track of particles `states` (L, 4) with existence probability 1, last met at `t_ns`.
+    """Return a confirmed track with particles `states` (L, 4) and existence probability 1, last detected at `t_ns`.
 
     `label`: identity that sensors give it, or `UNLABELLED_TRACK`.
     """
@@ -179,14 +184,14 @@ def track_on_bearing(
 ) -> Track:
     """Return a new track with particles along a bearing's line of sight, within range and room.
 
-    Positions are equally likely per length of the line; if none is in the room, any will do.
+    Positions are uniform in distance along the line; if none is in the room, positions outside are used.
 
     Args:
         world: arrays and room.
-        array: row of the array.
+        array: number of the array.
         angle: bearing [rad].
         sigma: standard deviation of the bearing [rad].
-        t_ns: time of the bearing.
+        t_ns: time of the bearing [ns].
         label: number and identity of a confirmed track; `UNLABELLED_TRACK`: the track is tentative.
         rng: generator of the random numbers drawn.
     """
@@ -235,13 +240,15 @@ def track_at_position(
 
 
 def _cloud(states: Floats) -> imm.ImmParticles:
+    """Return particles with `states` (L, 4), all of motion model 0."""
     return imm.ImmParticles(np.ascontiguousarray(states), np.zeros(len(states), dtype=np.int64))
 
 
 def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
-    """Return the track after a time `dt` [s], its particles moved under every motion model ([Lee] Eq. 3.3).
+    """Return a track a time `dt` [s] later, its particles moved under every motion model ([Lee] Eq. 3.3).
 
-    With walls no particle leaves the room. The probability that the target sounds follows sounds and silences.
+    With walls particles outside the room lose their weight; if nearly all are outside, they stay where they were, at
+    rest. The probability that the target sounds is predicted, too.
     """
     config, cloud = world.config, track.cloud
     J, L = len(world.models), len(cloud.states)
@@ -263,7 +270,7 @@ def move_track(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Move
 
 
 def new_track(world: ImmWorld, track: Track) -> Moved:
-    """Return a new track at its initial time, as one that the scan moved and heard; models are equally likely."""
+    """Return a new track as one that the scan has moved and heard; the motion models are equally likely."""
     J, L = len(world.models), len(track.cloud.states)
     prior = np.full((J, L), 1.0 / (J * L))
     return Moved(track, np.repeat(track.cloud.states[None], J, axis=0), prior, prior, initiated=True, heard=True)
@@ -281,16 +288,17 @@ def switching(models: int, dt: float, hold_s: float | None) -> Floats | None:
 
 
 def _chance(dt: float, mean_s: float) -> float:
+    """Return the probability that an event with mean waiting time `mean_s` [s] happens within `dt` [s]."""
     return -math.expm1(-dt / mean_s)
 
 
 def update_existence(track: Track, reached: float, detection: float, unheard: float) -> Track:
-    """Return the track's existence and sounding probabilities after an array's scan.
+    """Return the track with its existence and sounding probabilities after an array's scan.
 
     Args:
         track: track before the scan.
         reached: probability that it is in the array's range.
-        detection: that a target in range is heard, if it sounds.
+        detection: probability that a target in range is heard, if it sounds.
         unheard: probability that no bearing was of it, given everything that was heard.
     """
     missed = 1.0 - track.sounds * detection * reached  # not heard, if it exists
@@ -320,14 +328,14 @@ def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
 
 
 class TrackTrace(NamedTuple):
-    """A target's particles after a scan, as needed by smoothing."""
+    """Record of a target after a scan for smoothing: time and particles as a kernel density of [x, vx, y, vy]."""
 
     t_ns: int
     knot: KernelDensity  # rows x, vx, y, vy; kinds are motion models
 
 
 def trace_of(track: Track, t_ns: int) -> TrackTrace:
-    """Return what smoothing needs of a target after a step at `t_ns`: its particles as a kernel density."""
+    """Return the record of a target after a step at `t_ns` that smoothing needs: its particles as a kernel density."""
     states, models = track.cloud
     return TrackTrace(
         t_ns, kernel_density(np.ascontiguousarray(states.T), np.full(len(states), 1.0 / len(states)), models)
@@ -335,9 +343,12 @@ def trace_of(track: Track, t_ns: int) -> TrackTrace:
 
 
 def smooth_backwards(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> list[SmoothedState]:
-    """Return smoothed states of a target, one for each trace, by trajectories sampled backwards through its particles.
+    """Return a smoothed state of a target for each trace, by trajectories sampled backwards through its particles.
 
-    `traces` are in the order of time, at least one.
+    Args:
+        traces: records in the order of time, at least one.
+        config: settings of the method; `smoothing_trajectories` is the number of trajectories.
+        rng: generator of the random numbers drawn.
     """
     models, out = three_models(config.turn_acceleration), []
     states, kinds = last_states(traces[-1].knot, config.smoothing_trajectories, rng)
@@ -353,10 +364,15 @@ def smooth_backwards(traces: Sequence[TrackTrace], config: ImmConfig, rng: Gener
 
 
 def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats:
-    """(4, M) states `dt` >= 0 seconds earlier, without noise.
+    """Return (4, M) states `dt` >= 0 seconds before those given, without noise.
 
-    State i of `states` (4, M) moves under the one of `models` (J, 3) that `kinds[i]` says. It is the inverse of a step
-    of `occlog.filtering.motion.coordinated_turn.move`, as a turn leaves the speed as it is.
+    It is the inverse of a step of `occlog.filtering.motion.coordinated_turn.move`, as a turn leaves the speed as it is.
+
+    Args:
+        states: (4, M) states x, vx, y, vy.
+        kinds: (M,) index of the motion model of each.
+        models: (J, 3) motion models: lateral acceleration, acceleration along x and y.
+        dt: time [s].
     """
     out = np.empty_like(states)
     for kind, model in enumerate(models):
@@ -367,7 +383,7 @@ def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats
 
 
 def noise_back(density: float, dt: float) -> Floats:
-    """Return the (4, 4) process-noise covariance of a step of `dt` [s], mapped back by the step.
+    """Return the (4, 4) process-noise covariance of [x, vx, y, vy] over `dt` [s], mapped back by the step.
 
     `density` is the spectral density of the acceleration [length^2/s^3]; turns count as straight motion.
     """
@@ -380,5 +396,6 @@ def noise_back(density: float, dt: float) -> Floats:
 
 
 def _past(states: Floats) -> SmoothedState:
+    """Return the smoothed state of a target from M trajectories: mean and covariance of `states` (4, M)."""
     mean, covariance = spread_of(states)
     return SmoothedState(mean[::2], mean[1::2], np.ascontiguousarray(covariance[::2, ::2]))

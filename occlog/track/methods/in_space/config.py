@@ -15,9 +15,9 @@ STARTS = (3, 4, 8, 12)
 
 @dataclass(frozen=True)
 class SpaceConfig(SmoothingConfig):
-    """Settings that both methods have; lengths in the scene's unit, times in seconds.
+    """Settings common to the methods `direct3d` and `pps`; lengths in the scene's unit, times in seconds.
 
-    In metres, feet and inches targets are people: they stop and turn, and their heads hardly go up or down.
+    In metres, feet and inches defaults are those for people: they stop and turn, and their heads hardly go up or down.
     """
 
     OWNER: ClassVar[str] = "space"
@@ -122,7 +122,7 @@ class SpaceConfig(SmoothingConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rules about the number of values of `acceleration` and `start`."""
+        """Generate (setting, whether it fits, limit as text) for the number of values of `acceleration` and `start`."""
         yield "acceleration", len(self.acceleration) == 3, "AX,AY,AZ"
         limit = (
             "X,Y,SIGMA; X,Y,Z,SIGMA; X,Y,Z,VX,VY,VZ,SIGMA,SIGMA_V; or X,Y,Z,VX,VY,VZ and their six sigmas, none below 0"
@@ -170,6 +170,7 @@ class PpsConfig(SpaceConfig):
 
 
 def _good_start(start: tuple[float, ...]) -> bool:
+    """Return whether `start` has one of the allowed numbers of values, with no standard deviation below 0."""
     n = len(start)
     sigmas = {3: 1, 4: 1, 8: 2, 12: 6}.get(n, 0)
     return n in STARTS and all(s >= 0 for s in start[n - sigmas :])

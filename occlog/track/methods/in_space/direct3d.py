@@ -52,7 +52,11 @@ RESTART_BACKOFF = 4
 
 
 class Direct3dState(NamedTuple):
-    """Weighted particles after the last scan; `t_ns` is None before the first."""
+    """State of the filter of one target: weighted particles (x, y, z, vx, vy, vz) after the last scan.
+
+    `t_ns` is None before the first scan; `cloud` (6, L) is then empty if no start is given. `loss_count` (S,) counts
+    the contradictions of each sensor.
+    """
 
     space: SpaceModel[Direct3dConfig]
     cloud: Floats  # (6, L)
@@ -64,7 +68,10 @@ class Direct3dState(NamedTuple):
 
 
 class ScanUpdate(NamedTuple):
-    """L particles (6, L) with weights (L,) at the time of a scan, its log-likelihood, and the fallback ("": none)."""
+    """Particles at the time of a scan: states (6, L) with weights (L,), the scan's log-likelihood, and the fallback.
+
+    `fallback` is empty, or `restart` or `gap` for particles drawn from the scan alone.
+    """
 
     cloud: Floats
     weights: Floats
@@ -89,7 +96,11 @@ def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> Direct3dState:
 
 
 def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dState, Estimate]:
-    """The state after a scan and the estimate; ValueError for a scan that is earlier than the last."""
+    """Return the state after a scan and the estimate; ValueError for a scan that is earlier than the last.
+
+    Particles are proposed and weighed ([Lee] Eqs. 2.6-2.7), and resampled from a kernel density where few are
+    effective.
+    """
     space, config = state.space, state.space.config
     heard = pack_directions(scan, space.ears, state.near, use_score=config.use_score)
 
@@ -123,16 +134,16 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
 
 
 def trace(state: Direct3dState) -> CloudTrace:
-    """Return what smoothing needs of the last step: the particles as a kernel density."""
+    """Return the record of the last step that smoothing needs: the particles as a kernel density."""
     assert state.t_ns is not None
     weights = np.exp(state.log_weights)
     return CloudTrace(state.t_ns, kernel_density(state.cloud, weights / weights.sum()), state.begun)
 
 
 def predict(state: Direct3dState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Predict the position at a time `t_ns` not before the last scan, without changing the state.
+    """Return weighted (x, y) positions predicted for time `t_ns`, not before the last scan; the state is not changed.
 
-    Before the first scan particles are uniform over the box of the room and all sensors.
+    Before the first scan, without a start, they are uniform over the box of the room and all sensors.
     """
     cloud, weights = state.cloud, np.exp(state.log_weights)
     if not cloud.shape[1]:
@@ -145,9 +156,9 @@ def predict(state: Direct3dState, t_ns: int, rng: Generator) -> ParticleSet:
 
 
 def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Generator) -> ScanUpdate | None:
-    """Return weighted particles at the time of a scan, `dt` [s] after the last one.
+    """Return weighted particles at the time of a scan, `dt` [s] after the last one; None if no particle agrees with it.
 
-    None where no particle agrees with it.
+    A factor for leaving the room is included in the weights. `heard` has the directions of the scan.
     """
     space = state.space
     cloud, weights, log_sum = update_by_scan(
@@ -164,7 +175,10 @@ def _updated(state: Direct3dState, heard: ScanDirections, dt: float, rng: Genera
 
 
 def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generator) -> ScanUpdate:
-    """Return many particles drawn from the scan, for a start or restart, with `reason` as their fallback."""
+    """Return particles drawn along the directions of a scan, for a start or restart, with `reason` as their fallback.
+
+    Their number is `particles` times `initial_particle_factor`.
+    """
     cloud, log_weights = particles_from_scan(
         space, heard, space.config.particles * space.config.initial_particle_factor, rng
     )
@@ -173,17 +187,16 @@ def begin(space: SpaceModel[C], heard: ScanDirections, reason: str, rng: Generat
 
 
 def is_contradicted(loss_count: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
-    """Return the track-loss counter of each sensor, and whether the track is lost.
+    """Return the track-loss counter of each sensor after a scan, and whether the track is lost.
 
-    It is lost when one sensor has contradicted it `track_loss_count` times more.  Every sensor counts by
-    itself, since one direction alone agrees with many wrong positions.  A sensor that has made
-    the filter restart has to contradict it several times as often to do so again:
-    it may be the sensor that is wrong.
+    A contradiction by a sensor adds 1 to its counter, an agreement subtracts 1, down to 0. The track is lost when one
+    counter reaches `track_loss_count`; counters above 0 then become negative (`RESTART_BACKOFF`), so that a sensor
+    which may itself be wrong must contradict several times as often to do so again.
 
     Args:
-        loss_count: (S,) counts so far; below 0: not heard before so many reports.
+        loss_count: (S,) counters so far; not changed.
         good: (N,) which sensors of the scan agree with the likeliest position.
-        heard: the scan.
+        heard: directions of the scan by its N sensors; sensors without one do not count.
         config: settings of the method.
     """
     reports = np.diff(heard.sights.first) > 0
@@ -198,14 +211,14 @@ def is_contradicted(loss_count: Ints, good: Bools, heard: ScanDirections, config
 
 
 def estimate_of(mean: Floats, covariance: Floats, draw: ScanUpdate, heard: ScanDirections, good: Bools) -> Estimate:
-    """Return the estimate of a scan.
+    """Return the estimate of a scan, with height.
 
     Args:
         mean: (6,) x, y, z, vx, vy, vz.
         covariance: (6, 6) covariance of `mean`.
         draw: particles, for effective sample size, likelihood and fallback.
-        heard: the scan of N sensors.
-        good: (N,) sensors that agree with the estimate.
+        heard: directions of the scan by N sensors, all of which count as used.
+        good: (N,) sensors that agree with the estimate; those, and labelled ones, with a direction have detected it.
     """
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | good

@@ -58,7 +58,7 @@ MIN_RELATIVE_EXTENT = 1e-9
 
 
 class TimeStepPath(NamedTuple):
-    """A time step: motion with noise, length, and a known change of the state."""
+    """A time step of a particle: motion model, length, and a known change of its state (2d,) in addition."""
 
     motion: AccelerationModel
     dt: float  # [s], >= 0
@@ -66,7 +66,11 @@ class TimeStepPath(NamedTuple):
 
 
 class ProposedStates(NamedTuple):
-    """Particles drawn from the adapted proposal, with their weights and likelihoods."""
+    """Particles drawn from the adapted importance density: states (2d, n), log prior weights and log-likelihoods.
+
+    A weight is the exponential of the sum of both; the log prior weight includes the ratio of motion to importance
+    density.
+    """
 
     cloud: Floats  # (2d, n)
     log_prior: Floats  # (n,) log weights before the likelihood
@@ -84,21 +88,21 @@ def update_by_scan(
     rng: Generator,
     log_going: Callable[[Floats, Floats], Floats] | None = None,
 ) -> tuple[Floats, Floats, float]:
-    """Return particles at a scan's time, their weights, and the log sum of the unnormalised weights.
+    """Return particles (2d, n) at a scan's time, their weights (n,), and the log sum of the unnormalised weights.
 
-    Particles move from the motion alone as long as that leaves `config.resampling_threshold` of them effective,
-    and else are resampled by `propose`.  Where nearly none agrees with the scan even then, its likelihood
-    is flattened (`occlog.filtering.kernel_density.update_weights`).
+    Particles move by the motion model alone as long as that leaves `config.resampling_threshold` of them effective;
+    else they are drawn by `propose`. Where nearly none agrees with the scan even then, its likelihood is flattened
+    (`occlog.filtering.kernel_density.update_weights`).
 
     Args:
-        cloud: (2d, L) before the step.
-        log_weights: (L,) of weights of sum 1.
+        cloud: (2d, L) particles before the step: d positions, then d velocities.
+        log_weights: (L,) logarithms of their weights, which sum to 1.
         way: the step.
-        lines: makes the residuals of the scan.
-        log_likelihood: (n,) of the scan for (d, n) positions.
+        lines: makes the scan's directions as residuals for the importance density.
+        log_likelihood: takes (d, n) positions, and returns the (n,) log-likelihoods of the scan.
         config: settings of the method.
         rng: generator of the random numbers drawn.
-        log_going: (n,) log of a factor of the motion from (d, n) positions to (d, n) others; None: 1.
+        log_going: takes (d, n) positions before and after the step, and returns (n,) logs of a factor; None: 1.
     """
     d, least = len(cloud) // 2, 2.0 * len(cloud)
     # Propose: draw from the transition density ([Lee] Eq. 2.4), and weigh (Eq. 2.5)
@@ -127,7 +131,7 @@ def update_by_scan(
 
 
 def process_noise(motion: AccelerationModel, dt: float) -> Floats:
-    """Return the (2d, 2d) process-noise covariance of white acceleration over dt [s].
+    """Return the (2d, 2d) process-noise covariance of white acceleration over `dt` [s]: d positions, then d velocities.
 
     dt < 0 gives that of the step back in time. Turns count as straight motion.
     """
@@ -143,12 +147,15 @@ def drift_matrix(d: int, dt: float) -> Floats:
 
 
 def kernel_density(cloud: Floats, weights: Floats, kernel: float) -> tuple[Floats, Floats, float]:
-    """Return the (2d, L) centres of the kernels, the (2d, 2d) covariance of the particles, and the kernel width h.
+    """Return the centres of the kernels (2d, L), the covariance of the particles (2d, 2d), and the kernel width h.
+
+    The kernel density is the mixture of Gaussians at the centres with covariance h^2 times that of the particles; the
+    centres are shrunk so that it keeps mean and covariance.
 
     Args:
         cloud: (2d, L) particles.
-        weights: (L,) of sum 1.
-        kernel: width relative to the one that is best for a Gaussian.
+        weights: (L,) weights of the particles, sum 1.
+        kernel: width relative to the one that is optimal for a Gaussian.
     """
     mean, covariance = moments(cloud, weights)
     h = min(kernel * silverman_bandwidth(cloud.shape[1], len(cloud)), 0.999)
@@ -168,18 +175,21 @@ def propose(
     rng: Generator,
     log_going: Callable[[Floats, Floats], Floats] | None = None,
 ) -> ProposedStates:
-    """Draw particles at a scan's time from the adapted importance density.
+    """Return particles at a scan's time, drawn from the adapted importance density, with their weights.
+
+    Parents are chosen by weight times predictive likelihood, positions drawn from the posterior of each, and velocities
+    given the position from the motion (auxiliary particle filter).
 
     Args:
-        cloud: (2d, L) before the step, d = 3 in space, 2 in a plane.
-        weights: (L,) of sum 1.
+        cloud: (2d, L) particles before the step; d = 3 in space, 2 in a plane.
+        weights: (L,) weights of the particles, sum 1.
         way: the step.
-        lines: the scan.
-        log_likelihood: (n,) of the scan for (d, n) positions.
-        particles: how many are wanted.
-        kernel: width of the kernel, of the one that is best for a Gaussian.
+        lines: the scan's directions as residuals.
+        log_likelihood: takes (d, n) positions, and returns the (n,) log-likelihoods of the scan.
+        particles: number n of particles to draw.
+        kernel: width of the kernels relative to the one that is optimal for a Gaussian.
         rng: generator of the random numbers drawn.
-        log_going: see `update_by_scan`.
+        log_going: takes (d, n) positions before and after the step, and returns (n,) logs of a factor; None: 1.
     """
     d, n = len(cloud) // 2, particles
     # Move the kernel density: its centres exactly, its covariance by a constant velocity
@@ -210,10 +220,16 @@ def propose(
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
-    """Return the Cholesky factor (3, 3) of the position, and the velocity's regression and residual factor (d, d).
+    """Split a Gaussian of position and velocity into the position's and that of the velocity given the position.
 
-    The regression is on the whitened position. `C` (2d, 2d) is the covariance of position and velocity; `least` is a
-    standard deviation added to the position.
+    Args:
+        C: (2d, 2d) covariance of position and velocity.
+        d: number of coordinates, 2 or 3.
+        least: standard deviation added to the position against singularity.
+
+    Returns:
+        The lower Cholesky factor of the position's covariance, in the upper left of a (3, 3) identity; (d, d)
+        regression of the velocity on the whitened position; (d, d) root of the velocity's residual covariance.
     """
     position_covariance = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
@@ -230,7 +246,10 @@ def _in_space(positions: Floats) -> Floats:
 
 
 def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """Return the directions of a scan in space as residuals for the importance density."""
+    """Return the directions of a scan in space as residuals for the importance density.
+
+    `heard` are the directions in the world, `chances` the probabilities of false alarms and clutter.
+    """
     s = heard.sights
     flat = np.isnan(s.phi)
     phi = np.where(flat, 0.5 * math.pi, s.phi)[:, None]
@@ -245,14 +264,14 @@ def sight_lines(heard: ScanDirections, chances: ReportProbabilities) -> ScanRows
 def factors(
     heard: ScanDirections, first: Ints, share: Floats, uniform: Floats, chances: ReportProbabilities
 ) -> tuple[Floats, Floats]:
-    """Return the fields `scale` and `rival` (R,) of `ScanRows`, so that densities add up as in `scan_log_likelihood`.
+    """Return the fields `scale` and `rival` (R,) of `ScanRows`, by which densities add up as in `scan_log_likelihood`.
 
     Args:
-        heard: the scan.
-        first: (N + 1,) rows of each sensor.
-        share: (R,) factor of a candidate's density.
+        heard: the scan of N sensors.
+        first: (N + 1,) rows of sensor n are first[n] to first[n + 1] - 1.
+        share: (R,) weight of a candidate.
         uniform: (R,) density of clutter.
-        chances: probabilities of reports.
+        chances: probabilities of false alarms, candidates and clutter.
     """
     labelled = np.repeat(heard.sights.labelled, np.diff(first))
     scale = np.where(labelled, 1.0 - chances.false, chances.candidate / chances.clutter * share / uniform)
@@ -261,7 +280,7 @@ def factors(
 
 
 class CloudTrace(NamedTuple):
-    """Particles after a scan, as needed by smoothing."""
+    """Record of a step for smoothing: time, particles as a kernel density, and whether the filter restarted there."""
 
     t_ns: int
     knot: KernelDensity
@@ -269,7 +288,10 @@ class CloudTrace(NamedTuple):
 
 
 class GaussianTrace(NamedTuple):
-    """Combined Gaussian estimate after a scan, as needed by smoothing."""
+    """Record of a step for smoothing: time, Gaussian estimate in space, and whether the filter restarted.
+
+    The state is (x, y, z, vx, vy, vz).
+    """
 
     t_ns: int
     mean: Floats  # (6,)
@@ -278,9 +300,14 @@ class GaussianTrace(NamedTuple):
 
 
 def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
-    """Return smoothed states, one for each trace, from trajectories sampled backwards through the particles.
+    """Return a smoothed state for each trace, from trajectories sampled backwards through the kernel densities.
 
-    `traces` are in the order of time; trajectories begin afresh where the filter restarted.
+    Trajectories begin again where the filter restarted.
+
+    Args:
+        traces: records in the order of time.
+        config: settings of the method; `smoothing_trajectories` is the number of trajectories.
+        rng: generator of the random numbers drawn.
     """
     motion, out, states = motion_of(config), [], np.empty((6, 0))
     for k in range(len(traces) - 1, -1, -1):
@@ -295,9 +322,9 @@ def through_clouds(traces: Sequence[CloudTrace], config: SpaceConfig, rng: Gener
 
 
 def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng: Generator) -> list[SmoothedState]:
-    """Return smoothed states, one for each trace, by the Rauch-Tung-Striebel recursion.
+    """Return a smoothed state for each trace, by the Rauch-Tung-Striebel recursion through the Gaussian estimates.
 
-    `traces` are in the order of time; the recursion begins afresh where the filter restarted.
+    The recursion begins again where the filter restarted. `traces` are in the order of time; `rng` is not drawn from.
     """
     motion, out = motion_of(config), []
     mean, covariance = np.empty(6), np.empty((6, 6))
@@ -315,13 +342,15 @@ def through_gaussians(traces: Sequence[GaussianTrace], config: SpaceConfig, rng:
 def _before(
     m: Floats, P: Floats, later: Floats, later_covariance: Floats, motion: AccelerationModel, dt: float, rng: Generator
 ) -> tuple[Floats, Floats]:
-    """Return the smoothed mean (6,) and covariance (6, 6) of a state, `dt` [s] before a later smoothed one.
+    """Return the smoothed mean (6,) and covariance (6, 6) of a state `dt` [s] before a later smoothed one.
+
+    This is one step of the Rauch-Tung-Striebel recursion.
 
     Args:
-        m: (6,) mean of the filter.
+        m: (6,) mean of the filter: x, y, z, vx, vy, vz.
         P: (6, 6) covariance of the filter.
-        later: (6,) later mean.
-        later_covariance: (6, 6) later covariance.
+        later: (6,) smoothed mean of the later state.
+        later_covariance: (6, 6) covariance of the later state.
         motion: motion model between the two states.
         dt: time between the two states [s].
         rng: not drawn from, as the step has no noise.

@@ -54,27 +54,33 @@ MIN_RELATIVE_VARIANCE = 1e-12
 
 
 def initial_errors(covariance: Floats) -> Floats:
-    """Return the (12, 12) joint error covariance of the three planes' states, from one (6, 6) covariance in space."""
+    """Return the (12, 12) joint error covariance of the three planes' states, from a (6, 6) covariance in space.
+
+    A plane's state is (a, b, va, vb) on its axes; the planes are xy, yz and zx. The state in space is (x, y, z, vx, vy,
+    vz).
+    """
     return np.asarray(TO_PLANES @ covariance @ TO_PLANES.T)
 
 
 def moved_errors(errors: Floats, motion: AccelerationModel, dt: float) -> Floats:
-    """Return the (12, 12) joint error covariance after a time `dt` [s].
+    """Return the (12, 12) joint error covariance of the three planes' states a time `dt` [s] later.
 
-    All planes share the process noise of one motion.
+    All planes share the process noise of one motion in space, `motion`.
     """
     F = np.kron(np.eye(3), drift_matrix(2, dt))
     return np.asarray(F @ errors @ F.T + initial_errors(process_noise(motion, dt)))
 
 
 def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: Floats, used: Bools) -> Floats:
-    """Return the (12, 12) joint error covariance after the directions of one sensor, by each plane's own gain.
+    """Return the (12, 12) joint error covariance of the planes after a direction of one sensor.
+
+    Each plane is updated by its own Kalman gain.
 
     Args:
         errors: (12, 12) before.
-        positions: (3, 2) position of the target on each plane's axes.
+        positions: (3, 2) estimated position of the target on each plane's axes.
         sensor: (3,) position of the sensor.
-        angles: (3, 3) covariance of the sensor's projected angles.
+        angles: (3, 3) covariance of the direction's angles projected to the planes [rad^2].
         used: (3,) whether the plane was updated with its angle.
     """
     K, H = np.zeros((12, 3)), np.zeros((3, 12))
@@ -91,10 +97,14 @@ def measured_errors(errors: Floats, positions: Floats, sensor: Floats, angles: F
 
 
 def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
-    """(12, 12) errors with the given (4, 4) covariances as the blocks of some planes, which are the keys.
+    """Return the (12, 12) joint error covariance with given diagonal blocks for some planes, correlations being kept.
 
-    The errors of a plane are mapped by the symmetric matrix that changes Gaussians of the one covariance into those
-    of the other with the least motion (Olkin and Pukelsheim 1982), so that correlations are changed as little.
+    The errors of a plane are mapped by the symmetric matrix that changes Gaussians of the one covariance into those of
+    the other with the least motion (Olkin and Pukelsheim 1982).
+
+    Args:
+        errors: (12, 12) before.
+        covariances: (4, 4) new covariance of a plane's state, by plane.
     """
     T = np.eye(12)
     for p, covariance in covariances.items():
@@ -105,9 +115,12 @@ def rescaled(errors: Floats, covariances: dict[int, Floats]) -> Floats:
 
 
 def reactivated(errors: Floats, plane: int, combination: Floats) -> Floats:
-    """Return the (12, 12) joint error covariance where plane `plane` restarts from the combined estimate.
+    """Return the (12, 12) joint error covariance of the planes after one was restarted from the combined estimate.
 
-    `combination` is (6, 12): the combined state as a linear function of the planes' states.
+    Args:
+        errors: (12, 12) joint error covariance before.
+        plane: number of the restarted plane.
+        combination: (6, 12) combined state as a linear function of the planes' states.
     """
     T = np.eye(12)
     T[PLANE_ROWS[plane]] = TO_PLANES[PLANE_ROWS[plane]] @ combination
@@ -115,12 +128,12 @@ def reactivated(errors: Floats, plane: int, combination: Floats) -> Floats:
 
 
 def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floats:
-    """Return the (6, 12) matrix that combines the states of two planes to the 3-D state.
+    """Return the (6, 12) matrix that combines the states of two planes to the state in space.
 
     Args:
-        planes: two different ones.
-        shared: the axis that both have.
-        shares: (2, 2) weights of the two, for position and velocity of that axis.
+        planes: numbers of two different planes.
+        shared: the coordinate axis that both have, 0 to 2.
+        shares: (2, 2) weights of the two planes (rows) for position and velocity (columns) of that axis.
     """
     W = np.zeros((6, 12))
     for n, p in enumerate(planes):
@@ -131,7 +144,10 @@ def combination_of(planes: tuple[int, int], shared: int, shares: Floats) -> Floa
 
 
 def _roots(covariance: Floats) -> tuple[Floats, Floats]:
-    """Return the symmetric square root of a covariance (n, n), and its inverse; small eigenvalues are raised."""
+    """Return the symmetric square root of a covariance (n, n), and its inverse.
+
+    Eigenvalues below `MIN_RELATIVE_VARIANCE` of the largest are raised to it.
+    """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     sd = np.sqrt(np.maximum(values, max(MIN_RELATIVE_VARIANCE * values[-1], 1e-300)))
     return (vectors * sd) @ vectors.T, (vectors / sd) @ vectors.T
@@ -142,7 +158,7 @@ GATE_SIGMAS = 5.0
 
 
 class PlanePosterior(NamedTuple):
-    """Posterior mean and covariance of the filter of one plane."""
+    """Posterior of the filter of one plane: mean (a, b, va, vb), covariance, log evidence, effective sample size."""
 
     mean: Floats  # (4,) a, b, va, vb
     covariance: Floats  # (4, 4)
@@ -151,7 +167,10 @@ class PlanePosterior(NamedTuple):
 
 
 class CombinedPosterior(NamedTuple):
-    """State in space combined of two planes' posteriors."""
+    """State in space (x, y, z, vx, vy, vz) combined from two planes' posteriors, with covariance.
+
+    `combination` (6, 12) is the matrix by which it is made of the three planes' states.
+    """
 
     mean: Floats  # (6,) x, y, z, vx, vy, vz
     covariance: Floats  # (6, 6)
@@ -166,16 +185,16 @@ def shared_axis(p: int, q: int) -> int:
 def combine(
     planes: tuple[int, int], flat: tuple[PlanePosterior, PlanePosterior], rule: str, errors: Floats
 ) -> CombinedPosterior:
-    """Combine the posteriors of two planes to a 3-D state.
+    """Return the state in space that combines the posteriors of two planes.
 
-    The common axis is a weighted mean; common errors of both planes are counted once.
+    The common axis is a weighted mean; its covariance includes what the planes' errors have in common.
 
     Args:
-        planes: indices of two different planes.
+        planes: numbers of two different planes.
         flat: posteriors of the two planes.
         rule: `inverse` weighs position and velocity by inverse variance, `planes-weighted` by the sums of the
             unnormalised weights (Eq. 2.19), `equal` evenly (Eq. 2.21).
-        errors: (12, 12) covariance of the errors of all planes, see `occlog.track.methods.in_space.planes`.
+        errors: (12, 12) joint error covariance of all planes.
     """
     k = shared_axis(*planes)
     rows = [[AXES[p].index(k), AXES[p].index(k) + 2] for p in planes]
@@ -194,8 +213,8 @@ def _shares(flat: tuple[PlanePosterior, PlanePosterior], rows: list[list[int]], 
 
     Args:
         flat: posteriors of the two planes.
-        rows: for each plane, the rows of position and velocity of the common axis in its state.
-        rule: `inverse`, `planes-weighted` or `equal`, see `combine`.
+        rows: for each plane, the indices of position and velocity of the common axis in its state.
+        rule: `inverse`: by inverse variance; `planes-weighted`: by the evidence of the planes; `equal`: one half each.
     """
     if rule == "equal":
         return np.full((2, 2), 0.5)
@@ -213,7 +232,11 @@ NOTHING: Pair = ((-1, XY), (-1, YZ))
 
 
 class ProjectedAngles(NamedTuple):
-    """Directions of a scan projected to the three planes."""
+    """R directions of a scan projected to the planes xy, yz and zx: angles with their errors [rad].
+
+    `blind` (R, 3) marks planes in which a direction is uninformative; angle, sigma and covariance are not to be used
+    there.
+    """
 
     angle: Floats  # (R, 3) [rad]
     sigma: Floats  # (R, 3) [rad]
@@ -223,9 +246,9 @@ class ProjectedAngles(NamedTuple):
 
 
 def plane_angles(heard: ScanDirections) -> ProjectedAngles:
-    """Return the R directions of a scan projected to the planes, with their noise.
+    """Return the R directions of a scan projected to the three planes, with their noise.
 
-    A bare azimuth counts in plane xy only.
+    A direction without elevation counts in plane xy only.
     """
     s = heard.sights
     phi = np.where(heard.flat, 0.5 * math.pi, s.phi)
@@ -240,16 +263,17 @@ def plane_angles(heard: ScanDirections) -> ProjectedAngles:
 
 
 def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near: Floats, before: Pair) -> Pair:
-    """Return the two planes to use, and the most informative sensor in each.
+    """Return the two planes to use, each with the most informative sensor of the scan in it.
 
-    Of a sensor's candidates, the one nearest to the predicted position counts.
+    Of a sensor's candidates, the one nearest to the predicted position counts. Planes are taken from `before` where the
+    scan does not determine them.
 
     Args:
-        rule: `variance` or `printed`.
+        rule: `variance`: least variances of the projected angles; `printed`: the rule printed in [Lee].
         heard: the scan.
         angles: directions of the scan projected to the planes.
-        near: (3,) where the target should be; NaN: unknown, each sensor's first row counts.
-        before: what to use where the scan does not tell.
+        near: (3,) predicted position of the target; NaN: unknown, each sensor's first direction counts.
+        before: planes and sensors selected before.
     """
     rows = nearest_rows(heard, angles, near)
     if not (rows >= 0).any():
@@ -262,10 +286,15 @@ def choose_pair(rule: str, heard: ScanDirections, angles: ProjectedAngles, near:
 
 
 def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
-    """Return the planes by the paper's printed rule on polar angles; sensors without elevation are ignored.
+    """Return the two planes and sensors by the rule printed in [Lee], from polar angles.
 
-    `rows` (N,) is each sensor's direction, -1 for none; if none has an elevation, plane xy of the first sensor with a
-    direction is completed by `before`.
+    Sensors without elevation are ignored; if none has an elevation, plane xy of the first sensor with a direction is
+    completed by `before`.
+
+    Args:
+        heard: the scan of N sensors.
+        rows: (N,) row of each sensor's direction, -1: none.
+        before: planes and sensors selected before.
     """
     phi = np.where(rows >= 0, heard.sights.phi[rows], np.nan)
     finite = np.flatnonzero(~np.isnan(phi))
@@ -276,7 +305,10 @@ def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
 
 
 def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
-    """Return two planes in any case: those found, completed by the previous ones, then yz or xy."""
+    """Return two (sensor, plane) pairs with different planes: those found, completed by `before`, then by xy or yz.
+
+    The sensor of an added plane is -1: no sensor of the scan measures in it.
+    """
     planes = [p for _, p in found]
     spare = [p for _, p in (*before, *NOTHING) if p not in planes]
     found = [*found, *((-1, p) for p in dict.fromkeys(spare))]
@@ -284,9 +316,14 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
 
 
 def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -> Ints:
-    """Return (N,) for each sensor the row that points nearest to position `near` (3,).
+    """Return (N,) the row of each sensor's direction that points nearest to the position `near` (3,).
 
-    -1 for a sensor without detection. For NaN it is the sensor's first row.
+    -1 for a sensor without a direction; the sensor's first row if `near` is NaN.
+
+    Args:
+        heard: R directions of a scan of N sensors.
+        angles: these directions as unit vectors, with their projected angles.
+        near: (3,) position.
     """
     first = heard.sights.first
     to = near - heard.sights.position
@@ -297,7 +334,7 @@ def nearest_rows(heard: ScanDirections, angles: ProjectedAngles, near: Floats) -
 
 
 class PlaneSights(NamedTuple):
-    """Projected angles of a scan that count in one plane."""
+    """Angles of a scan projected to one plane: the K of the scan's R directions that count there."""
 
     rows: Bools  # (R,) of the scan
     first: Ints  # (N + 1,) rows of each sensor among those that count
@@ -307,16 +344,16 @@ class PlaneSights(NamedTuple):
 
 
 def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, only: int | None = None) -> PlaneSights:
-    """Return the projected angles of a scan in a plane.
+    """Return the angles of a scan projected to plane number `plane`.
 
     A sensor counts only if all of its candidates can be projected to this plane, as an excluded one might be the
     target's.
 
     Args:
-        plane: index in `PLANES`.
+        plane: 0, 1, 2 for xy, yz, zx.
         heard: the scan.
         angles: directions of the scan projected to the planes.
-        only: the one sensor of the scan to use; None: all.
+        only: index of the one sensor of the scan to use; None: all.
     """
     s = heard.sights
     counts = np.diff(s.first)
@@ -331,13 +368,13 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: ProjectedAngles, 
 
 
 def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> Floats:
-    """(L,) log likelihoods of a scan for positions `ab` (2, L) on a plane's axes, up to a constant.
+    """Return (L,) log likelihoods of a scan for positions on a plane's axes, up to a constant; 0 without an angle.
 
     Args:
         ab: (2, L) positions.
-        own: angles of the scan in the plane; without any, all are 0.
+        own: angles of the scan in the plane.
         heard: the scan.
-        chances: see `occlog.track.methods.in_space.kernels.likelihood.scan_log_likelihood`.
+        chances: probabilities of false alarms, candidates and clutter.
     """
     if not len(own.angle):
         return np.zeros(ab.shape[1])
@@ -348,7 +385,15 @@ def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances:
 
 
 def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: ReportProbabilities) -> ScanRows:
-    """Return a plane's angles of a scan as azimuths in a space with an irrelevant third axis, for `propose`."""
+    """Return a plane's angles of a scan as residuals for the importance density, as azimuths in a space of three axes.
+
+    The third axis is irrelevant.
+
+    Args:
+        own: angles of the scan in the plane.
+        heard: the scan.
+        chances: probabilities of false alarms, candidates and clutter.
+    """
     none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
     share = heard.sights.share[own.rows]
     scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
@@ -371,17 +416,17 @@ def errors_after(
     own: dict[int, PlaneSights],
     flats: dict[int, PlanePosterior],
 ) -> Floats:
-    """Return the (12, 12) joint error covariance of the planes after a scan.
+    """Return the (12, 12) joint error covariance of the planes' states after a scan.
 
-    Of a sensor's candidates, the one nearest to the plane's estimate counts, if within `GATE_SIGMAS` standard
-    deviations.
+    Of a sensor's candidates, the one nearest to the planes' estimates counts, if within `GATE_SIGMAS` standard
+    deviations. The diagonal blocks are set to the covariances of the planes' particles.
 
     Args:
         errors: (12, 12) before the scan, at its time.
         heard: the scan.
         angles: directions of the scan projected to the planes.
         own: projected angles with which each plane was updated, by plane.
-        flats: posterior of each plane, by plane.
+        flats: posterior of each plane that was updated, by plane.
     """
     s = heard.sights
     positions = np.zeros((3, 2))

@@ -66,7 +66,11 @@ Clouds = tuple[tuple[Floats, Floats], ...]
 
 
 class PpsState(NamedTuple):
-    """Three planes' particles after the last scan; `t_ns` is None before the first."""
+    """State of method `pps` after the last scan: particles of three planes, and the state in space from two of them.
+
+    `t_ns` and `joined` are None before the first scan. `pair` has the two selected planes, each with its best sensor;
+    `loss_count` (S,) counts the contradictions of each sensor.
+    """
 
     space: SpaceModel[PpsConfig]
     motions: tuple[AccelerationModel, ...]  # of each plane
@@ -87,7 +91,10 @@ def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: 
 
 
 def plane_motions(motion: AccelerationModel) -> tuple[AccelerationModel, ...]:
-    """Return the motion model of each plane; turns in another plane enter as known input (see `_turned`)."""
+    """Return the motion model of each plane, with acceleration and noise of its two axes.
+
+    The turn of `motion` is that of the plane in which it lies, 0 in the others, where `_turned` adds its effect.
+    """
     parts = []
     for axes in AXES:
         turn = motion.turn if axes == motion.axes else 0.0
@@ -96,7 +103,10 @@ def plane_motions(motion: AccelerationModel) -> tuple[AccelerationModel, ...]:
 
 
 def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimate]:
-    """The state after a scan and the estimate ([Lee] Alg. 1); ValueError for a scan that is earlier than the last."""
+    """Return the state after a scan and the estimate, by [Lee] Alg. 1.
+
+    ValueError for a scan that is earlier than the last.
+    """
     space, config = state.space, state.space.config
     near = 0.5 * (space.low + space.high) if state.joined is None else state.joined.mean[:3]
     heard = pack_directions(scan, space.ears, near[:2], use_score=config.use_score)
@@ -141,7 +151,10 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
 
 
 class PlaneUpdate(NamedTuple):
-    """Particles and posteriors of the planes after a scan, and the state combined of two of them."""
+    """Result of an update with a scan: particles of all planes, and the state combined of the two selected planes.
+
+    `errors` (12, 12) is the joint error covariance of the planes' states; `used` are the posteriors of the two planes.
+    """
 
     clouds: Clouds
     errors: Floats  # (12, 12)
@@ -153,9 +166,14 @@ class PlaneUpdate(NamedTuple):
 def _updated(
     state: PpsState, heard: ScanDirections, angles: ProjectedAngles, rng: Generator, dt: float
 ) -> ScanUpdate | PlaneUpdate:
-    """Return the planes updated at the time of a scan, `dt` [s] after the last one.
+    """Return the planes updated with a scan, `dt` [s] after the last one, and the state combined of two of them.
 
-    `angles` are the scan's directions projected to the planes.
+    Args:
+        state: state after the last scan.
+        heard: directions of the scan in the world.
+        angles: these directions projected to the planes.
+        rng: generator of the random numbers drawn.
+        dt: time since the last scan [s].
     """
     space, config = state.space, state.space.config
     assert state.joined is not None
@@ -174,9 +192,9 @@ def _updated(
 
 
 def predict(state: PpsState, t_ns: int, rng: Generator) -> ParticleSet:
-    """Predict the position at a time `t_ns` not before the last scan, by plane xy, without changing the state.
+    """Return weighted (x, y) positions predicted for time `t_ns`, not before the last scan, by plane xy.
 
-    Before the first scan particles are uniform over the box of the room and all sensors.
+    The state is not changed. Before the first scan they are uniform over the box of the room and all sensors.
     """
     space, n = state.space, state.space.config.particles
     even = np.full(n, 1.0 / n)
@@ -191,16 +209,17 @@ def predict(state: PpsState, t_ns: int, rng: Generator) -> ParticleSet:
 
 
 def trace(state: PpsState) -> GaussianTrace:
-    """Return what smoothing needs of the last step: the combined mean and covariance."""
+    """Return the record of the last step that smoothing needs: the combined mean and covariance."""
     assert state.t_ns is not None
     assert state.joined is not None
     return GaussianTrace(state.t_ns, state.joined.mean, state.joined.covariance, state.begun)
 
 
 def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate:
-    """Return initial particles in space: around `start` weighted by the first scan, or drawn from the scan.
+    """Return initial particles in space (6, L) with weights: around the setting `start`, weighted by the first scan.
 
-    They are drawn from the scan, with fallback `restart`, also if no particle around `start` agrees with it.
+    Without `start`, or if no particle around it agrees with the scan (fallback `restart`), they are drawn from the
+    scan.
     """
     space, config = state.space, state.space.config
     if config.start is None:
@@ -222,9 +241,15 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> ScanUpdate
 def _started(
     state: PpsState, t_ns: int, heard: ScanDirections, angles: ProjectedAngles, draw: ScanUpdate, rng: Generator
 ) -> tuple[PpsState, Estimate]:
-    """Return the state with all planes reinitialised from particles in space, and the estimate.
+    """Return the state with all planes reinitialised from particles in space, and the estimate of the scan.
 
-    `draw` are the particles (6, L), `angles` the scan's directions projected to the planes, `t_ns` its time.
+    Args:
+        state: state before, without regard to its planes.
+        t_ns: time of the scan [ns].
+        heard: directions of the scan in the world.
+        angles: these directions projected to the planes.
+        draw: weighted particles (6, L).
+        rng: generator of the random numbers drawn.
     """
     config = state.space.config
     mean, covariance = moments(draw.cloud, draw.weights)
@@ -248,9 +273,9 @@ def _started(
 
 
 def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
-    """Return the state with planes of `pair` that did not run before started from the combined estimate.
+    """Return the state with the planes of `pair` that did not run before started from the combined estimate.
 
-    With `running=all` nothing changes.
+    With the setting `running=all` all planes run, and the state is returned unchanged.
     """
     if state.space.config.running == "all" or state.joined is None:
         return state
@@ -264,19 +289,23 @@ def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
 
 
 def _reseeded(joined: CombinedPosterior, plane: int, n: int, rng: Generator) -> Floats:
-    """Return (4, n) particles of a plane (index) drawn from the combined Gaussian estimate."""
+    """Return (4, n) particles (a, b, va, vb) of plane number `plane`, drawn from the combined Gaussian estimate."""
     rows = plane_axes(plane)
     root = root_of(joined.covariance[np.ix_(rows, rows)])
     return np.asarray(root @ rng.standard_normal((4, n)) + joined.mean[rows][:, None])
 
 
 def _running(state: PpsState, pair: Pair) -> list[int]:
+    """Return the numbers of the planes to update: all, or with the setting `running=selected` those of `pair`."""
     chosen = {p for _, p in pair}
     return [p for p in ALL if state.space.config.running == "all" or p in chosen]
 
 
 def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
-    """Return (4,) the change of a plane's state by a turn in another plane, at the combined velocity; None: no turn."""
+    """Return (4,) the change of a plane's state in `dt` [s] by the known turn in another plane; None if there is none.
+
+    The change is that at the velocity of the combined estimate, for (a, b, va, vb) of plane number `plane`.
+    """
     motion, axes = state.space.motion, AXES[plane]
     if motion.turn == 0.0 or axes == motion.axes or state.joined is None:
         return None
@@ -294,8 +323,16 @@ def _taken_in(
 ) -> tuple[Clouds, dict[int, PlanePosterior], dict[int, PlaneSights]]:
     """Update the running planes with a scan, `dt` [s] after the last one.
 
-    Return the particles of all planes, and, by running plane, its posterior and the angles it was updated with. `pair`
-    are the selected planes with the sensor of each.
+    Args:
+        state: state after the last scan.
+        dt: time since the last scan [s].
+        pair: the selected planes, each with its best sensor.
+        heard: directions of the scan in the world.
+        angles: these directions projected to the planes.
+        rng: generator of the random numbers drawn.
+
+    Returns:
+        Particles of all planes; by running plane, its posterior; by running plane, the angles it was updated with.
     """
     config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
@@ -332,6 +369,17 @@ def _estimate(
     fallback: str,
     pair: Pair,
 ) -> Estimate:
+    """Return the estimate of a scan from the combined state, with height.
+
+    Args:
+        joined: combined state in space.
+        heard: directions of the scan.
+        config: settings; with `per_plane=best` only the sensors of `pair` count as used.
+        ess: effective sample size.
+        log_sum: log-likelihood of the scan; NaN in the estimate if not finite.
+        fallback: reason of a restart; empty: none.
+        pair: the selected planes, each with its best sensor.
+    """
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | agrees(joined.mean[None, :3], heard, config.gate)[0]
     used = heard.sensor

@@ -35,7 +35,10 @@ MIN_SIGMA_RAD = 1e-9
 
 
 class ArrayGeometry(NamedTuple):
-    """Positions, rotations and ranges of S sensors, cameras first."""
+    """Positions, rotations, ranges and pose errors of S sensors, cameras first, then microphone arrays.
+
+    The rotation of a camera is the identity, since its directions are azimuths in the world.
+    """
 
     position: Floats  # (S, 3)
     rotation: Floats  # (S, 3, 3) world-from-sensor; a camera's is that of the world, since it tells azimuths
@@ -45,7 +48,7 @@ class ArrayGeometry(NamedTuple):
 
 
 class ScanDirections(NamedTuple):
-    """R directions of a scan of N sensors: as sights in the world, and as angles in sensor axes."""
+    """R directions of a scan of N sensors: in the world (`sights`), and as angles in sensor axes."""
 
     sights: ScanDirectionSet
     theta: Floats  # (R,) measured azimuths in the sensor's frame [rad]
@@ -69,12 +72,12 @@ def pack_ears(scene: Scene) -> ArrayGeometry:
 
 
 def pack_directions(scan: Scan, ears: ArrayGeometry, near: Floats, *, use_score: bool) -> ScanDirections:
-    """Return the directions of a scan in sensor axes; rows without a detection are omitted.
+    """Return the directions of a scan in world and sensor axes; rows without a detection are omitted.
 
     Args:
         scan: rows by sensor.
-        ears: the sensors.
-        near: (2,) where the target is about; an error of a camera's position counts as at that distance.
+        ears: all sensors of the scene.
+        near: (2,) rough position of the target, for the angle that an error of a camera's position makes.
         use_score: weigh candidates by their score, where they have one.
     """
     start = np.flatnonzero(np.diff(scan.sensor, prepend=-1))
@@ -120,8 +123,11 @@ def _frames(theta: Floats, rotation: Floats) -> Floats:
 def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -> Floats:
     """Return (R,) standard deviations [rad] of azimuths, including the sensors' pose errors.
 
-    `sigma` (R,) are those of the readings [rad], `sensor` (R,) indices in `ears`, `near` (2,) is about where the target
-    is.
+    Args:
+        sigma: (R,) standard deviations of the readings [rad].
+        sensor: (R,) indices of the sensors in `ears`.
+        ears: all sensors of the scene.
+        near: (2,) rough position of the target, at which position errors are converted to angles.
     """
     offset = near - ears.position[sensor, :2]
     distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 3.0 * ears.sigma_position[sensor])
@@ -132,10 +138,13 @@ def _with_pose(sigma: Floats, sensor: Ints, ears: ArrayGeometry, near: Floats) -
 def agrees(positions: Floats, heard: ScanDirections, gate: float) -> Bools:
     """Return (K, N) booleans: whether a sensor has a direction within `gate` standard deviations of a position.
 
+    The limit holds for each angle; near the pole, where azimuths mean little, for the arc between the directions
+    instead of the azimuth.
+
     Args:
         positions: (K, 3) positions.
-        heard: the scan.
-        gate: of each angle, and of the line of sight where its azimuth means little (near the pole).
+        heard: directions of the scan by N sensors.
+        gate: limit in standard deviations.
     """
     s = heard.sights
     counts = np.diff(s.first)
@@ -166,7 +175,8 @@ C = TypeVar("C", bound=SpaceConfig)
 class SpaceModel(NamedTuple, Generic[C]):
     """Scene and settings as constants of the filters in space.
 
-    `cone`: likelihoods of the angle from the line of sight.
+    `cone`: whether likelihoods are those of the angle from the direction. `low` and `high` (3,) span the box of the
+    room and all sensors; `far` (S,) is how far each sensor sees or hears in a scene without a room.
     """
 
     config: C
@@ -182,7 +192,7 @@ class SpaceModel(NamedTuple, Generic[C]):
 
 
 def motion_of(config: SpaceConfig) -> AccelerationModel:
-    """Return the motion model in space that the settings give."""
+    """Return the motion model in space that the settings state."""
     up = config.process_noise_density if config.process_noise_density_z is None else config.process_noise_density_z
     axes = AXES[PLANES.index(config.turn_plane)]
     return AccelerationModel(
@@ -194,7 +204,7 @@ def motion_of(config: SpaceConfig) -> AccelerationModel:
 
 
 def chances_of(config: SpaceConfig) -> ReportProbabilities:
-    """Return the probabilities of reports that the settings give."""
+    """Return the probabilities of false alarms, candidates and clutter that the settings state."""
     return ReportProbabilities(
         config.false_alarm_probability,
         config.out_of_range_likelihood,
@@ -226,7 +236,10 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> SpaceModel[C]:
 
 
 def log_likelihood(xyz: Floats, heard: ScanDirections, space: SpaceModel[C]) -> Floats:
-    """Return (L,) log likelihoods of a scan for positions `xyz` (3, L), up to a constant."""
+    """Return (L,) log likelihoods of a scan for positions `xyz` (3, L), up to a constant.
+
+    Densities are those of the angle from the direction if `space.cone`, else products of azimuth and elevation.
+    """
     s = heard.sights
     each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
     uniform = heard.uniform
@@ -259,7 +272,15 @@ def in_room(xyz: Floats, space: SpaceModel[C]) -> Bools:
 
 
 def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
-    """Return (6, n) particles drawn around a start state, which has one of the forms of `SpaceConfig.start`."""
+    """Return (6, n) particles (x, y, z, vx, vy, vz), Gaussian around a start.
+
+    Args:
+        space: settings, and the height of the room.
+        start: x, y, sigma; x, y, z, sigma; x, y, z, vx, vy, vz, sigma of positions, sigma of velocities; or these six
+            with six sigmas. Without z heights are uniform over the room; velocities not given are drawn about 0.
+        n: number of particles.
+        rng: source of random numbers.
+    """
     unit = rng.standard_normal((6, n))
     mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))
     known = {3: 2, 4: 3}.get(len(start), 6)
@@ -275,9 +296,9 @@ def particles_around(space: SpaceModel[C], start: tuple[float, ...], n: int, rng
 def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
     """Draw `n` particles from a scan; return them (6, n) with their log weights (n,).
 
-    Positions are drawn along the lines of sight of all candidates to the border of the box of the room and all sensors,
-    and some anywhere in it. The weights correspond to a uniform prior in the room (without a room, uniform in distance
-    from a sensor up to its far limit) times the scan's likelihood.
+    Positions are drawn along the directions of all candidates to the border of the box of the room and all sensors, and
+    some anywhere in it. The weights correspond to a uniform prior in the room (without a room, uniform in distance from
+    a sensor up to its far limit) times the scan's likelihood.
     """
     s = heard.sights
     R = len(s.phi)
@@ -299,9 +320,9 @@ def particles_from_scan(space: SpaceModel[C], heard: ScanDirections, n: int, rng
 
 
 def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
-    """Return (n,) log prior densities at positions `xyz` (3, n): uniform in distance from one of S sensors.
+    """Return (n,) log prior densities at positions `xyz` (3, n) in a scene without a room.
 
-    Each sensor is as likely, in any direction; `position` (S, 3), `far` (S,) the largest distances.
+    The prior is a mixture over S sensors: uniform in direction and in distance up to `far` (S,) from `position` (S, 3).
     """
     r = np.sqrt(np.sum((xyz.T[:, None] - position) ** 2, axis=2))
     each = np.where(r <= far, 1.0 / (4.0 * math.pi * far * np.maximum(r, MIN_RELATIVE_DISTANCE * far) ** 2), 0.0)
@@ -310,6 +331,7 @@ def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
 
 
 def _speeds(space: SpaceModel[C]) -> Floats:
+    """Return (3,) standard deviations of the initial velocity along x, y and z."""
     return np.array(
         [
             space.config.sigma_initial_velocity,
@@ -320,9 +342,9 @@ def _speeds(space: SpaceModel[C]) -> Floats:
 
 
 def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Generator) -> Floats:
-    """Draw (3, n) positions along direction `r` (row) of a scan, uniform in distance up to the border or the range.
+    """Draw (3, n) positions along direction `r` (row of `s`), uniform in distance up to the box's border or the range.
 
-    For a bare azimuth they are also uniform in height.
+    Angles are drawn by their standard deviations. For an azimuth alone heights are uniform over the box.
     """
     flat = math.isnan(s.phi[r])
     theta = s.sigma_theta[r] * rng.standard_normal(n)
@@ -337,9 +359,10 @@ def _along(space: SpaceModel[C], s: ScanDirectionSet, r: int, n: int, rng: Gener
 
 
 def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Floats:
-    """Return (R, n) log volume elements of R directions at positions `xyz` (3, n), per solid angle and share of length.
+    """Return (R, n) logs of the volume elements of the sampling density of `_along`, for R directions at n positions.
 
-    They are inf beyond a direction's far end, where none of its positions are.
+    An element is the volume per unit of both angles (or of azimuth and share of height) and per share of the length;
+    inf beyond a direction's far end, where no position is drawn. `xyz` (3, n) are the positions.
     """
     out = np.empty((len(s.phi), xyz.shape[1]))
     height = space.high[2] - space.low[2]
@@ -356,9 +379,13 @@ def _log_volume(xyz: Floats, s: ScanDirectionSet, space: SpaceModel[C]) -> Float
 
 
 def _way_out(space: SpaceModel[C], position: Floats, line: Floats, flat: bool) -> Floats:
-    """Return (n,) distances, > 0, from a sensor to the box of the room and all sensors, along directions `line` (3, n).
+    """Return (n,) distances, > 0, from a sensor to the border of the box of the room and all sensors.
 
-    `position` (3,) is the sensor's; `flat`: only the horizontal borders x and y count.
+    Args:
+        space: has the box.
+        position: (3,) position of the sensor.
+        line: (3, n) directions.
+        flat: only the horizontal borders x and y count.
     """
     d = 2 if flat else 3
     p = position[:d]

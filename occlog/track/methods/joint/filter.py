@@ -71,7 +71,7 @@ class DetectionProbabilities(NamedTuple):
 
 
 class JointState(NamedTuple):
-    """Particles of all objects at the time of the last scan."""
+    """State of the filter at the time of the last scan: L particles, each with the states of all M objects."""
 
     config: JointConfig
     world: MeasurementWorld
@@ -89,14 +89,17 @@ class JointState(NamedTuple):
 
 
 class ObjectReports(NamedTuple):
-    """Measurements of one object in a scan by all sensors, as readings and as linearised rows."""
+    """Measurements of one object in a scan by all sensors, as packed scan and as rows for linearisation."""
 
     packed: PackedScan
     rows: LinearisedRows
 
 
 def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # noqa: ARG001
-    """Return the state without objects; InputError for a scene without free floor. `rng` is not used."""
+    """Return the state before the first scan, without objects; InputError for a scene without free floor.
+
+    `rng` is not used.
+    """
     world = world_of(scene)
     none = np.empty((config.particles, 0, 4))
     return JointState(
@@ -114,9 +117,9 @@ def init(scene: Scene, config: JointConfig, rng: Generator) -> JointState:  # no
 
 
 def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
-    """Detection and false-alarm probabilities of the sensors, the scene's own before those of the settings.
+    """Return detection and false-alarm probabilities of all sensors, the scene's own before those of the settings.
 
-    They are at most `MAX_PROBABILITY` and at least 1 less that, so that no detection contradicts every particle.
+    They lie between 1e-6 and 1 - 1e-6 (`MAX_PROBABILITY`), so that no detection contradicts every particle.
     """
     own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
     found = [config.detection_probability if detection is None else detection for detection, _ in own]
@@ -127,7 +130,11 @@ def chances_of(scene: Scene, config: JointConfig) -> DetectionProbabilities:
 
 
 def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, list[tuple[int, Estimate]]]:
-    """Update the state with a scan of labelled rows, and estimate every object; ValueError for an earlier scan."""
+    """Update the state with a scan of labelled rows, and return it with (identity, estimate) of every object.
+
+    An object begins with the first scan in which a sensor detects it. It begins again after a gap, after track loss,
+    and where few particles were effective at its beginning. ValueError for a scan that is earlier than the last.
+    """
     config, L = state.config, state.config.particles
     dt = elapsed(state.t_ns, scan.t_ns)
     reports = {}
@@ -212,9 +219,15 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
 
 
 def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Floats, Floats, Floats]:
-    """Sample L initial states (L, 4) of an object from its first rows.
+    """Draw L initial states of an object from its first measurements.
 
-    Return them with log weights (L,), prior over proposal, and the (2, 2) position covariance of the proposal.
+    Args:
+        rows: measurements of the object in the scan.
+        state: settings, sensors and prior.
+        rng: generator of the random numbers drawn.
+
+    Returns:
+        (L, 4) states x, y, vx, vy; (L,) log weights, prior over proposal; (2, 2) position covariance of the proposal.
     """
     position, kept = initial_position(state.anywhere, rows, state.world, state.config.gate)
     first = linear(state.anywhere, position, rows.take(kept), state.world).state if len(kept) else state.anywhere
@@ -225,7 +238,7 @@ def _placed(rows: LinearisedRows, state: JointState, rng: Generator) -> tuple[Fl
 
 
 def _log_density(states: Floats, of: Gaussian) -> Floats:
-    """(L,) log densities of the Gaussian `of` at states (L, 4), up to a constant."""
+    """Return (L,) log densities of the Gaussian `of` at `states` (L, 4), up to a constant."""
     off = states - of.mean
     square = np.einsum("li,ij,lj->l", off, np.linalg.inv(of.covariance), off)
     return np.asarray(-0.5 * (square + np.linalg.slogdet(of.covariance)[1]))
@@ -234,17 +247,17 @@ def _log_density(states: Floats, of: Gaussian) -> Floats:
 def _proposed(
     before: Floats, rows: LinearisedRows, dt: float, state: JointState, rng: Generator
 ) -> tuple[Floats, Floats, Floats]:
-    """Sample states (L, 4) of an object from motion and its rows.
-
-    Return them with log weights (L,), motion prior over proposal, and the mean position covariance (2, 2) of the
-    proposals.
+    """Draw states of an object from its motion and its measurements in a scan.
 
     Args:
-        before: (L, 4) states at the scan before.
-        rows: rows of the object inside the gate.
-        dt: time since [s].
+        before: (L, 4) states x, y, vx, vy at the scan before.
+        rows: measurements of the object inside the gate.
+        dt: time since the scan before [s].
         state: settings and sensors.
         rng: generator of the random numbers drawn.
+
+    Returns:
+        (L, 4) states; (L,) log weights, motion prior over proposal; (2, 2) mean position covariance of the proposals.
     """
     L = len(before)
     F, Q = motion_of(state.config).transition(dt)
@@ -278,10 +291,12 @@ def _proposed(
 
 
 def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
-    """(L, M) booleans: another object of the particle occludes the object from a camera.
+    """Return (L, M) booleans: another object of the particle hides the object from a camera, [Ercan] Fig. 3.
 
-    `xy` (L, M, 2) are the objects' positions in L particles, `camera` (2,) the camera's, `diameter` that of objects.
-    The geometry is that of [Ercan] Fig. 3.
+    Args:
+        xy: (L, M, 2) positions of M objects in L particles.
+        camera: (2,) position of the camera.
+        diameter: diameter of the objects.
     """
     away = xy - camera
     r = np.maximum(np.hypot(away[..., 0], away[..., 1]), 1e-12)
@@ -297,9 +312,15 @@ def occlusion_by_others(xy: Floats, camera: Floats, diameter: float) -> Bools:
 def in_plain_view(
     xy: Floats, reports: list[ObjectReports], world: MeasurementWorld, config: JointConfig
 ) -> list[Bools]:
-    """For each of M objects, (K, L) booleans: it is unoccluded for each of the K sensors of its reports, by particle.
+    """Return, for each of M objects, (K, L) booleans: a sensor of its K reports can see it, by particle.
 
-    `xy` (L, M, 2) are positions in L particles. Sounds are never occluded.
+    Objects hide each other from cameras, never from microphone arrays.
+
+    Args:
+        xy: (L, M, 2) positions of the objects in L particles.
+        reports: measurements of each object in the scan.
+        world: sensors and floor.
+        config: has the diameter of the objects.
     """
     cameras = {int(i) for report in reports for i in report.packed.sensor if world.sensors.cos2[i] >= 0.0}
     hidden = {i: occlusion_by_others(xy, world.sensors.xy[i], config.occluder_diameter) for i in cameras}
@@ -316,9 +337,10 @@ def in_plain_view(
 
 
 def unperceivable_after(unperceivable: Floats, dt: float) -> Floats:
-    """Return the probability of being unperceivable (no sensor can detect the object) after `dt` [s] without a report.
+    """Return the probability that no sensor can detect an object, `dt` [s] later and without measurements.
 
-    `unperceivable`, of any shape, are the probabilities before.
+    It approaches its stationary value of a Markov chain with two states. `unperceivable`, of any shape, are the
+    probabilities before.
     """
     a, b = 1.0 / MEAN_PERCEIVABLE_S, 1.0 / MEAN_UNPERCEIVABLE_S
     settled = a / (a + b)
@@ -333,17 +355,17 @@ def log_factors(
     world: MeasurementWorld,
     chances: DetectionProbabilities,
 ) -> tuple[Floats, Floats]:
-    """(L, M) log-likelihoods of the measurements of M objects, and the updated probabilities of being unperceivable.
+    """Return (L, M) log-likelihoods of the measurements of M objects, and updated probabilities of being unperceivable.
 
     A detection z of an unoccluded object has the density P_D N(z) + (1 - P_D) P_F / W, of an occluded one P_F / W; a
     missed detection has 1 - P_D and 1 - P_F. W is the width of the image. An unperceivable object has the likelihood of
     one that is occluded from all sensors, and no sensor detects it.
 
     Args:
-        xy: (L, M, 2) positions.
-        reports: reports of each object.
-        seen: for each object, booleans from `in_plain_view`.
-        unperceivable: (L, M) probabilities before the reports.
+        xy: (L, M, 2) positions of the objects in L particles.
+        reports: measurements of each object.
+        seen: for each object, (K, L) booleans from `in_plain_view`.
+        unperceivable: (L, M) probabilities before the measurements.
         world: sensors.
         chances: detection and false-alarm probabilities of the sensors.
     """
@@ -377,15 +399,16 @@ def log_factors(
 
 
 def _depleted(log_weights: Floats) -> bool:
-    """Return whether the effective sample size of log weights (L,) of one object alone is too small."""
+    """Return whether the effective sample size by the log weights (L,) of one object alone is too small."""
     weights, _ = normalise_log_weights(log_weights)
     return effective_sample_size(weights) < MIN_EFFECTIVE_SAMPLE_SIZE
 
 
 def _moments(own: Floats, weights: Floats, drawn: Floats) -> Gaussian:
-    """Weighted mean and covariance of states `own` (L, 4), inflated if the effective sample size is small.
+    """Return the weighted mean and covariance of the states `own` (L, 4) of one object.
 
-    In this case the position covariance `drawn` (2, 2) of the proposal is added.
+    With a small effective sample size the covariance is inflated, and the position covariance `drawn` (2, 2) of the
+    proposal is added.
     """
     mean, covariance = mean_and_covariance(weights, own)
     size = effective_sample_size(weights)
@@ -398,6 +421,16 @@ def _moments(own: Floats, weights: Floats, drawn: Floats) -> Gaussian:
 def _estimate(
     own: Floats, weights: Floats, drawn: Floats, report: ObjectReports, fallback: str, log_likelihood: float
 ) -> Estimate:
+    """Return the estimate of one object after a scan.
+
+    Args:
+        own: (L, 4) its states x, y, vx, vy.
+        weights: (L,) weights of the particles, sum 1.
+        drawn: (2, 2) position covariance of the proposal, added if few particles are effective.
+        report: measurements of the object.
+        fallback: reason of a new beginning; empty: none, and `depleted` may be set.
+        log_likelihood: log-likelihood of the scan; NaN in the estimate if not finite.
+    """
     mean, covariance = _moments(own, weights, drawn)
     size = effective_sample_size(weights)
     seen = np.diff(report.packed.first) > 0
@@ -416,12 +449,13 @@ def _estimate(
 
 
 def _trace(state: tuple[JointState, int]) -> PosteriorRecord:
+    """Return the record of one object for smoothing; `state` has the filter's state and the object's identity."""
     own, target = state
     return own.links[own.objects.index(target)]
 
 
 def _smoothed(traces: Sequence[PosteriorRecord], config: JointConfig) -> list[SmoothedState]:
-    """Return the smoothed state of one object at each of its filtered Gaussian estimates, in the order of time."""
+    """Return the smoothed state of one object for each of its records, in the order of time (Rauch-Tung-Striebel)."""
     found = rts_smooth(traces, motion_of(config).transition)
     return [SmoothedState(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
 

@@ -17,7 +17,7 @@ NONE, DESCENT, MULTISTART = "none", "descent", "multistart"
 
 @dataclass(frozen=True)
 class WalkConfig(Settings):
-    """Settings of targets' walking motion and of track loss; lengths in the scene's unit, times in seconds."""
+    """Settings of the walking motion of targets and of track loss; lengths in the scene's unit, times in seconds."""
 
     # The first two moments of a walk by waypoints ([Ercan] Sec. 4.1)
     rms_speed: float = setting(
@@ -57,7 +57,7 @@ class WalkConfig(Settings):
 
 @dataclass(frozen=True)
 class KalmanConfig(LagConfig, WalkConfig):
-    """Settings that the three filters share."""
+    """Settings common to the methods `ekf`, `ukf` and `iekf`; lengths in the scene's unit, times in seconds."""
 
     start: tuple[float, ...] | None = setting(
         None,
@@ -74,20 +74,20 @@ class KalmanConfig(LagConfig, WalkConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that the start's standard deviations are above 0."""
+        """Generate (setting, whether it fits, limit as text): the standard deviation in `start` is above 0."""
         yield "start", self.start is None or self.start[2] > 0, "X,Y,SIGMA, SIGMA > 0"
 
 
 @dataclass(frozen=True)
 class EkfConfig(KalmanConfig):
-    """Settings of method `ekf`."""
+    """Settings of method `ekf`, the extended Kalman filter."""
 
     OWNER: ClassVar[str] = "ekf"
 
 
 @dataclass(frozen=True)
 class UkfConfig(KalmanConfig):
-    """Settings of method `ukf`."""
+    """Settings of method `ukf`, the unscented Kalman filter."""
 
     OWNER: ClassVar[str] = "ukf"
 
@@ -101,7 +101,7 @@ class UkfConfig(KalmanConfig):
 
 @dataclass(frozen=True)
 class IekfConfig(KalmanConfig):
-    """Settings of method `iekf`."""
+    """Settings of method `iekf`, the iterated extended Kalman filter."""
 
     OWNER: ClassVar[str] = "iekf"
 

@@ -58,7 +58,11 @@ INITIAL_SEARCH_CONFIG = IekfConfig(visibility_constraint=NONE)
 
 
 class KalmanState(NamedTuple, Generic[K]):
-    """State of the filter at the last scan; `t_ns` is None before the first."""
+    """State of the filter of one target after the last scan: Gaussian of (x, y, vx, vy), and the track-loss counter.
+
+    `t_ns` is None before the first scan. `anywhere` is the prior of a target that has not been seen, `false` the
+    statistics of false bearings.
+    """
 
     config: K
     world: MeasurementWorld
@@ -74,7 +78,7 @@ class KalmanState(NamedTuple, Generic[K]):
 def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:  # noqa: ARG001
     """Return the state before the first scan: around `config.start`, or as wide as the floor.
 
-    InputError without free floor; `rng` is not used.
+    InputError for a scene without free floor; `rng` is not used.
     """
     world = world_of(scene)
     anywhere = anywhere_of(scene, world, config)
@@ -92,9 +96,9 @@ def world_of(scene: Scene) -> MeasurementWorld:
 
 
 def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Gaussian:
-    """Return the Gaussian prior of a target over the whole floor, or where sensors can see.
+    """Return the Gaussian prior of a target over the whole floor, or, without a room, over the region that sensors see.
 
-    InputError without free floor.
+    The velocity has mean 0. InputError for a scene without free floor.
     """
     try:
         moments = floor_moments(world.floor) if scene.views is None else prior_moments(scene.views)
@@ -104,14 +108,14 @@ def anywhere_of(scene: Scene, world: MeasurementWorld, config: WalkConfig) -> Ga
 
 
 def motion_of(config: WalkConfig) -> OrnsteinUhlenbeck:
-    """Return the motion model that the settings give."""
+    """Return the motion model with the parameters that the settings state."""
     return OrnsteinUhlenbeck(config.rms_speed, config.velocity_time_constant_s, config.process_noise_position)
 
 
 def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
-    """Return the Gaussian state at position `xy` (2,) with `covariance` (2, 2) and unknown velocity.
+    """Return the Gaussian of (x, y, vx, vy) at position `xy` (2,) with `covariance` (2, 2) and unknown velocity.
 
-    The velocity has mean 0 and its usual variance.
+    The velocity has mean 0 and the variance of the motion model.
     """
     whole = np.zeros((4, 4))
     whole[:2, :2], whole[2:, 2:] = covariance, motion_of(config).velocity_variance * np.eye(2)
@@ -124,9 +128,14 @@ Update = Callable[[Gaussian, LinearisedRows, Linearisation, MeasurementWorld, K]
 def stepper(
     update: Update[K], by_stations: StationUpdate | None
 ) -> Callable[[KalmanState[K], Scan, Generator], tuple[KalmanState[K], Estimate]]:
-    """Return the step function of a filter that updates by bearings with `update`, by stations with `by_stations`.
+    """Return the step function of a filter, from its update by bearings and its update by distances of stations.
 
-    None: measurements of stations are not used.
+    The function takes state, scan and random numbers, and returns the next state and the estimate; ValueError for a
+    scan that is earlier than the last.
+
+    Args:
+        update: updates a Gaussian by rows of directions.
+        by_stations: updates a Gaussian by distances; None: distances are not used.
     """
 
     def step(state: KalmanState[K], scan: Scan, rng: Generator) -> tuple[KalmanState[K], Estimate]:  # noqa: ARG001
@@ -163,7 +172,14 @@ def stepper(
             return taken._replace(done=done, against=int(np.count_nonzero(~inside)))
 
         def of_mixture(known: Gaussian, near: Linearisation, inside: Bools, by: RowsUpdate) -> KalmanUpdate:
-            """Update by rows inside the gate as a mixture of true and false; labelled rows outside count as false."""
+            """Return the state `known` after rows inside the gate, each true or false; labelled rows outside are false.
+
+            Args:
+                known: the prediction.
+                near: all rows, linearised.
+                inside: (R,) rows inside the gate.
+                by: updates a Gaussian by rows that are all true.
+            """
             own, outside = rows, ~inside & rows.labelled
             if not inside.all():
                 own, near = rows.take(inside), near.take(inside)
@@ -220,7 +236,7 @@ def stepper(
 
 
 class KalmanUpdate(NamedTuple):
-    """Result of a scan: posterior, contributing sensors, false bearings so far, and how it came about."""
+    """Result of a scan: posterior, sensors that contributed, statistics of false bearings, and how it came about."""
 
     done: Updated
     used: Ints
@@ -231,13 +247,16 @@ class KalmanUpdate(NamedTuple):
 
 
 def _most_outside_gate(rows: LinearisedRows, inside: Bools) -> bool:
-    """Return whether at least two labelled rows are outside the gate, and more than inside."""
+    """Return whether at least two labelled rows are outside the gate, and more than are inside (`inside` (R,))."""
     against = int(np.count_nonzero(rows.labelled & ~inside))
     return against >= 2 and against > int(np.count_nonzero(rows.labelled & inside))
 
 
 def _inflated(known: Gaussian, config: KalmanConfig) -> Gaussian:
-    """Return the prediction widened by the way that a target covers in `INFLATION_TIME_S`, with unknown velocity."""
+    """Return the prediction with a wider position and unknown velocity, for a target that has turned.
+
+    The position is widened by the way that a target covers in `INFLATION_TIME_S`.
+    """
     away = (config.rms_speed * INFLATION_TIME_S) ** 2 * np.eye(2)
     return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
@@ -252,10 +271,15 @@ def left_scene(known: Gaussian, world: MeasurementWorld) -> bool:
 def initial_position(
     anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Floats, Ints]:
-    """Return the (2,) most probable position given the rows of one scan, and the indices of the rows that it is from.
+    """Return the most probable position (2,) given the rows of one scan, and the indices of the rows that agree.
 
-    Of each sensor the nearest row counts, up to the gate [standard deviations], so that candidates of others and false
-    bearings do not. `anywhere` is the prior.
+    Of each sensor the nearest row counts, if within the gate, so that candidates of others and false bearings do not.
+
+    Args:
+        anywhere: prior of the target.
+        rows: measurements of directions in the scan.
+        world: sensors and floor.
+        gate: largest deviation of a row [standard deviations].
     """
     order = np.sort(np.argsort(rows.variance, kind="stable")[:MAX_INITIAL_MEASUREMENTS])
     rows = rows.take(order)
@@ -272,10 +296,17 @@ def initial_position(
 def _gated_rows(
     position: Floats, anywhere: Gaussian, rows: LinearisedRows, world: MeasurementWorld, gate: float
 ) -> tuple[Ints, float]:
-    """Return indices of the rows that agree with a position, one per sensor, and the cost of the position.
+    """Return the indices of the rows that agree with a position, one for each sensor at most, and its cost.
 
-    The cost is the negative log of prior times likelihood, in which a sensor without a row within `gate` standard
-    deviations costs the gate. `position` is (2,), `anywhere` the prior.
+    The cost is minus the log of prior times likelihood, in which a sensor without a row within the gate costs gate^2 /
+    2.
+
+    Args:
+        position: (2,) position.
+        anywhere: prior of the target.
+        rows: measurements of directions.
+        world: sensors.
+        gate: largest deviation of a row [standard deviations].
     """
     expected, ahead = measured(position[None], rows, world)
     _, variance = linearised(position, rows, world)
@@ -289,7 +320,7 @@ def _gated_rows(
 
 
 def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """Return (K, 2) intersections of the lines of sight of two different sensors, ahead of both."""
+    """Return (K, 2) intersections of the lines of sight of all pairs of rows of different sensors, ahead of both."""
     azimuth = azimuths(rows, world)
     e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
     i, j = np.nonzero(rows.sensor[:, None] < rows.sensor[None, :])
@@ -303,13 +334,13 @@ def bearing_intersections(rows: LinearisedRows, world: MeasurementWorld) -> Floa
 
 
 def _track_loss(before: int, packed: PackedScan, taken: KalmanUpdate, measured: int) -> int:
-    """Return the track-loss counter after a scan; labelled reports and station measurements count.
+    """Return the track-loss counter after a scan, by its labelled reports and measurements of stations.
 
     Args:
         before: the counter before.
         packed: the scan.
         taken: result of the update, with the sensors that contributed.
-        measured: number of station measurements.
+        measured: number of measurements of stations.
     """
     reports = packed.sensor[packed.labelled & (np.diff(packed.first) > 0)]
     against = int(np.count_nonzero(~_among(reports, taken.used))) + taken.against
@@ -317,11 +348,15 @@ def _track_loss(before: int, packed: PackedScan, taken: KalmanUpdate, measured: 
 
 
 def _among(numbers: Ints, some: Ints) -> Bools:
-    """Return (n,) booleans: the number is in `some` (faster than `np.isin` for few)."""
+    """Return (n,) booleans: the number is in `some`; faster than `np.isin` for few."""
     return np.asarray((numbers[:, None] == some).any(axis=1))
 
 
 def _estimate(done: Updated, packed: PackedScan, agree: Ints) -> Estimate:
+    """Return the estimate of a scan from its update; `agree` are the sensors with an inlier.
+
+    A sensor has detected the target if it has a labelled measurement, or a candidate that is an inlier.
+    """
     seen = np.diff(packed.first) > 0
     seen &= packed.labelled | _among(packed.sensor, agree)
     return Estimate(
@@ -339,16 +374,25 @@ def _estimate(done: Updated, packed: PackedScan, agree: Ints) -> Estimate:
 
 
 def _trace(state: KalmanState[K]) -> PosteriorRecord:
+    """Return the record of the last step that smoothing needs."""
     assert state.link is not None, "a trace is asked for after a step"
     return state.link
 
 
 def _smoothed(traces: Sequence[PosteriorRecord], config: K) -> list[SmoothedState]:
+    """Return the smoothed state for each record, in the order of time, by the Rauch-Tung-Striebel recursion."""
     found = rts_smooth(traces, motion_of(config).transition)
     return [SmoothedState(one.mean[:2], one.mean[2:], one.covariance[:2, :2]) for one in found]
 
 
 def _method(config: type[K], update: Update[K], by_stations: StationUpdate | None) -> Online[KalmanState[K], K]:
+    """Return a tracking method with smoothing, made of its settings and its updates.
+
+    Args:
+        config: class of settings.
+        update: updates a state by the directions of a scan.
+        by_stations: updates a state by ranges, differences and strengths; None: the method uses no such measurements.
+    """
     return Online(
         config=config,
         init=init,

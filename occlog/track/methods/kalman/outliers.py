@@ -31,7 +31,7 @@ MIN_HYPOTHESIS_PROBABILITY = 1e-3
 
 
 class MixtureUpdate(NamedTuple):
-    """A state updated by rows that may be false."""
+    """A state updated by R rows that may be false, and the probability of each row to be true (of the target)."""
 
     done: Updated
     inlier: Floats  # (R,) probability that each row is true
@@ -55,15 +55,19 @@ def mixture_update(
     false: float,
     update: RowsUpdate,
 ) -> MixtureUpdate:
-    """Update a state by rows that are each false with a given probability.
+    """Return a state updated by R rows that may be false (probabilistic data association), and (R,) probabilities.
+
+    The probabilities are those that the rows are true. All hypotheses on which rows are true are enumerated, for at
+    most `MAX_JOINT_ROWS` rows at a time; the mixture of their posteriors is replaced by the Gaussian of equal mean and
+    covariance.
 
     Args:
         state: the prediction.
-        rows: R rows, any number.
-        near: these linearised, to find the probable hypotheses.
+        rows: R measurements of directions, any number.
+        near: the rows linearised, to find the probable hypotheses.
         world: the sensors.
-        false: probability that a row is false.
-        update: by the true rows of a hypothesis; its score weighs the hypothesis.
+        false: prior probability that a row is false; 0: all are true.
+        update: updates a Gaussian by the true rows of a hypothesis; its score weighs the hypothesis.
     """
     count = len(rows.sensor)
     if not false > 0.0 or not count:
@@ -86,14 +90,14 @@ def _joint_update(
     log_prior: tuple[float, Floats],
     update: RowsUpdate,
 ) -> MixtureUpdate:
-    """Update by enumerating all hypotheses on a few rows.
+    """Update a state by R rows that may be false, by enumerating all 2^R hypotheses.
 
     Args:
         state: the prediction.
-        rows: R rows.
-        near: the R rows, linearised.
-        log_prior: logarithm of the probability that a row is true; (R,) those of the probability that it is false times
-            the density of false ones.
+        rows: R measurements of directions.
+        near: the R rows linearised.
+        log_prior: log probability that a row is true; (R,) log of the probability that it is false times the density of
+            false rows.
         update: updates a Gaussian by rows that are all true.
     """
     true = subsets(len(rows.sensor))
@@ -115,17 +119,17 @@ def _joint_update(
 
 @cache
 def subsets(n: int) -> Bools:
-    """Return (2^n, n) masks of all subsets of n rows."""
+    """Return (2^n, n) booleans, the masks of all subsets of n rows."""
     return np.asarray((np.arange(2**n)[:, None] >> np.arange(n)) % 2 == 1)
 
 
 def log_evidence(P: Floats, near: Linearisation, off: Floats, true: Bools) -> Floats:
-    """(M,) log densities of the rows of M subsets, N(0, H P H' + R), by the information form.
+    """Return (M,) log densities N(0, H P H' + R) of the innovations of M subsets of rows.
 
     Args:
-        P: (2, 2) covariance of the position.
-        near: R rows.
-        off: (R,) innovations.
+        P: (2, 2) covariance of the predicted position.
+        near: R rows linearised.
+        off: (R,) innovations of the rows.
         true: (M, R) masks of the subsets.
     """
     # In coordinates in which the prior is the identity; rows with unit variance

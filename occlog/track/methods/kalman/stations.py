@@ -30,26 +30,26 @@ StationUpdate = Callable[[Gaussian, RangeMeasurements], tuple[Gaussian, float]]
 
 
 def innovation_gating(state: Gaussian, rows: RangeMeasurements, gate: float) -> Bools:
-    """Return (m,) booleans: the measurement's innovation is within `gate` standard deviations."""
+    """Return (m,) booleans: the innovation of a measurement of distances is within `gate` standard deviations.
+
+    `state` is the prediction, `rows` are the m measurements.
+    """
     found = linearise(rows, state.mean[None, :2])
     H, off = found.gradient[0], found.residual[0]
     return np.asarray(off**2 <= gate**2 * (np.einsum("mi,ij,mj->m", H, state.covariance[:2, :2], H) + 1.0))
 
 
 def extended(state: Gaussian, rows: RangeMeasurements) -> tuple[Gaussian, float]:
-    """Update by measurements linearised at the mean (extended Kalman filter).
-
-    Return the state and its log likelihood.
-    """
+    """Return the state after m measurements of distances, linearised at the mean (EKF), and their log-likelihood."""
     found = linearise(rows, state.mean[None, :2])
     after, score = updated(state, _whole(found.gradient[0]), found.residual[0], np.ones(len(rows.kind)))
     return after, score - float(np.log(rows.sigma).sum())
 
 
 def unscented(state: Gaussian, rows: RangeMeasurements) -> tuple[Gaussian, float]:
-    """Update by sigma points, one measurement after another (unscented Kalman filter).
+    """Return the state after m measurements of distances, by sigma points one after another (UKF).
 
-    Return state and log likelihood.
+    The second value is their log-likelihood.
     """
     score = -float(np.log(rows.sigma).sum())
     for m in range(len(rows.kind)):
@@ -65,8 +65,15 @@ def first_position(
 ) -> tuple[Gaussian, Ints]:
     """Return the most probable state from a single scan's measurements, and the sensors of the bearings used.
 
-    The best grid position decides which measurements agree within `gate` standard deviations; a Gauss-Newton search for
-    the maximum a posteriori continues from there with these. `anywhere` is the prior.
+    The best position of a grid over the floor decides which measurements agree; a Gauss-Newton search for the maximum a
+    posteriori continues from there with these.
+
+    Args:
+        anywhere: prior of the target.
+        rows: measurements of directions.
+        distances: measurements of distances.
+        world: sensors and floor.
+        gate: largest deviation of a measurement that agrees [standard deviations].
     """
 
     def deviations(at: Floats) -> tuple[Floats, Floats]:
@@ -111,5 +118,5 @@ def first_position(
 
 
 def _whole(H: Floats) -> Floats:
-    """Return (m, 4) derivatives by the state from `H` (m, 2) by the position; those by the velocity are 0."""
+    """Return (m, 4) derivatives by (x, y, vx, vy) from `H` (m, 2) by the position; those by the velocity are 0."""
     return np.hstack([H, np.zeros_like(H)])

@@ -41,8 +41,13 @@ from .config import MULTISTART, NONE, VISIBLE, IekfConfig, UkfConfig
 def polar_update(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Gaussian | None:
     """Return the state after rows of one sensor; None where the prediction is around the sensor.
 
-    The position is Gaussian in azimuth and log distance with the moments of `state` to first order; the velocity
-    stays Cartesian.  The noise of a row is that on its own ray, at the distance of the prediction.
+    The position is Gaussian in azimuth and log distance from the sensor, with the moments of `state` to first order;
+    the velocity stays Cartesian. The noise of a row is that on its own ray, at the distance of the prediction.
+
+    Args:
+        state: the prediction.
+        rows: measurements of directions, all by one sensor.
+        world: the sensors.
     """
     sensor = world.sensors.xy[rows.sensor[0]]
     away = state.mean[:2] - sensor
@@ -96,7 +101,7 @@ INFEASIBLE, NO_SIGMA_POINTS = "infeasible", "no_sigma_points"
 
 
 class Updated(NamedTuple):
-    """A state after an update, its log likelihood (score), and what was exceptional about it."""
+    """A state after an update, the log-likelihood of the rows, and a value for the column `fallback` (empty: none)."""
 
     state: Gaussian
     score: float  # log-likelihood of the rows
@@ -104,13 +109,13 @@ class Updated(NamedTuple):
 
 
 def gated_rows(state: Gaussian, rows: LinearisedRows, near: Linearisation, gate: float) -> Bools:
-    """Return (R,) booleans: the row's innovation is within the gate, and it is the nearest of its sensor's candidates.
+    """Return (R,) booleans: the row's innovation is within the gate; of a sensor's candidates, the nearest alone.
 
     Args:
         state: the prediction.
-        rows: R measurements.
-        near: the rows at its mean.
-        gate: largest innovation in standard deviations.
+        rows: R measurements of directions.
+        near: the rows linearised at its mean.
+        gate: largest innovation [standard deviations].
     """
     spread = np.einsum("ri,ij,rj->r", near.H, state.covariance[:2, :2], near.H) + near.R
     squared = np.where(near.ahead, near.residual**2 / spread, np.inf)
@@ -124,19 +129,19 @@ def gated_rows(state: Gaussian, rows: LinearisedRows, near: Linearisation, gate:
 
 
 def ekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
-    """Update by measurements linearised at the mean (extended Kalman filter)."""
+    """Return the state after measurements of directions, linearised at its mean (extended Kalman filter)."""
     return linear(state, state.mean[:2], rows, world)
 
 
 def linear(state: Gaussian, at: Floats, rows: LinearisedRows, world: MeasurementWorld) -> Updated:
-    """Update by measurements linearised at position `at` (2,), with the covariance in Joseph's form."""
+    """Return the state after measurements of directions, linearised at position `at` (2,), in Joseph's form."""
     return by_linearisation(state, rows, linearise(at, rows, world), world)
 
 
 def by_linearisation(state: Gaussian, rows: LinearisedRows, near: Linearisation, world: MeasurementWorld) -> Updated:
-    """Update by measurements that `near` has linearised, with the covariance in Joseph's form.
+    """Return the state after measurements of directions that `near` has linearised, in Joseph's form.
 
-    Near a sensor, variances of its rows are inflated.
+    Near a sensor, the variances of its rows are inflated. `rows` and `world` give the positions of their sensors.
     """
     H = np.zeros((len(near.R), 4))
     H[:, :2] = near.H
@@ -147,11 +152,16 @@ def by_linearisation(state: Gaussian, rows: LinearisedRows, near: Linearisation,
 
 
 def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementWorld, covariance: Floats) -> Floats:
-    """(R,) inflation factors of variances close to a sensor, where the distance of the position is uncertain.
+    """Return (R,) factors, at least 1, for the variances of rows whose sensor is close to the position.
 
-    `at` (2,) is where rows are linearised, `covariance` (2, 2) that of the position. A line of sight's error across is
-    its angle times the distance r, with second moment r^2 + v; linearised at the position it is taken for r alone, and
-    next to a sensor the line would have no width.  Elsewhere factors are 1.
+    The error across a line of sight is its angle times the distance r, with second moment r^2 + v; linearised at the
+    position it is taken for r alone, and next to a sensor the line would have no width.
+
+    Args:
+        at: (2,) position of the linearisation.
+        rows: R measurements of directions.
+        world: the sensors.
+        covariance: (2, 2) covariance of the position.
     """
     away = at - world.sensors.xy[rows.sensor]
     r2 = np.maximum((away**2).sum(axis=1), MIN_SQUARE)
@@ -160,11 +170,11 @@ def _near_sensor_inflation(at: Floats, rows: LinearisedRows, world: MeasurementW
 
 
 def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: UkfConfig) -> Updated:
-    """Update row by row by sigma points (unscented Kalman filter, Julier and Uhlmann 1997, kappa = 3 - n).
+    """Update a state row by row by sigma points (unscented Kalman filter, Julier and Uhlmann 1997, kappa = 3 - n).
 
     Points of the position alone are drawn: the rest of the 2 n + 1 points of the whole state lie at its mean, and give
-    the same moments.  A point that does not count for a row adds nothing to its second moments, so that the
-    covariance stays positive; without any point the row is omitted.
+    the same moments. A point that does not count for a row (behind the camera; invisible, with the setting `visible`)
+    adds nothing to its second moments, so that the covariance stays positive; without any point the row is omitted.
     """
     score, left = 0.0, 0
     for k in range(len(rows.sensor)):
@@ -184,20 +194,23 @@ def ukf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: 
 
 
 def sigma_points(state: Gaussian) -> Floats:
-    """Return (5, 2) sigma points of the position, with weights `WEIGHTS`."""
+    """Return (5, 2) sigma points of the position: the mean, and four at sqrt(3) standard deviations.
+
+    Their weights are `WEIGHTS`.
+    """
     root = SIGMA_POINT_SPREAD * np.linalg.cholesky(state.covariance[:2, :2])
     return np.asarray(state.mean[:2] + np.vstack([np.zeros(2), root.T, -root.T]))
 
 
 def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floats, R: float) -> tuple[Gaussian, float]:
-    """Return the state after one measurement and its log likelihood, by moments over sigma points.
+    """Return the state after one measurement and its log-likelihood, by moments over sigma points.
 
     Args:
         state: the prediction.
         points: (5, 2) from `sigma_points`.
         w: (5,) their weights, 0 for points that do not count.
-        innovation: (5,) what was measured less what is expected at each.
-        R: variance of the noise.
+        innovation: (5,) measured minus expected value at each point.
+        R: variance of the measurement noise.
     """
     # Mean and variance of the innovation over the points that count
     off = float(w @ innovation / w.sum())
@@ -211,15 +224,15 @@ def by_sigma_points(state: Gaussian, points: Floats, w: Floats, innovation: Floa
 
 
 def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig, starts: Floats) -> Updated:
-    """Update by measurements linearised at the most probable position (iterated extended Kalman filter).
+    """Update a state by measurements linearised at the most probable position (iterated extended Kalman filter).
 
-    Bell and Cathey (1993): the iterated filter is the search of Gauss and Newton for the maximum a posteriori.  The
-    feasible set are the positions that all sensors with a row can see; without a start in it rows are linearised at the
-    prediction.  Rows of a single sensor are processed by `polar_update` if the resulting position is feasible.
+    The iterated filter is a Gauss-Newton search for the maximum a posteriori (Bell and Cathey 1993), here among
+    positions that all sensors with a row can see; without a start among these rows are linearised at the prediction.
+    Rows of a single sensor are processed by `polar_update` if the resulting position is visible.
 
     Args:
         state: the prediction.
-        rows: R measurements.
+        rows: R measurements of directions.
         world: the sensors.
         config: settings of the method.
         starts: (K, 2) further positions to search from.
@@ -239,7 +252,16 @@ def iekf(state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config:
 
 
 def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld) -> Floats:
-    """(L,) negative log of prior times likelihood at `positions` (L, 2), without constants; inf behind a camera."""
+    """Return (L,) values of minus the log of prior times likelihood at positions (L, 2), up to a constant.
+
+    inf behind a camera.
+
+    Args:
+        positions: (L, 2) positions.
+        state: prior.
+        rows: measurements of directions.
+        world: the sensors.
+    """
     away = positions - state.mean[:2]
     cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
     expected, ahead = measured(positions, rows, world)
@@ -251,9 +273,17 @@ def map_cost(positions: Floats, state: Gaussian, rows: LinearisedRows, world: Me
 def gauss_newton(
     start: Floats, state: Gaussian, rows: LinearisedRows, world: MeasurementWorld, config: IekfConfig
 ) -> tuple[Floats, float, bool]:
-    """Search for the minimum of `map_cost` by Gauss and Newton from `start` (2,).
+    """Search for the position of largest posterior density (least `map_cost`) by Gauss-Newton with halved steps.
 
-    Return the end position (2,), its cost, and whether the border of the feasible set stopped the search.
+    Args:
+        start: (2,) first position.
+        state: prior.
+        rows: measurements of directions.
+        world: the sensors.
+        config: settings of method `iekf`.
+
+    Returns:
+        End position (2,), its cost, and whether the border of the visible region stopped the search.
     """
     at, cost = start, float(map_cost(start[None], state, rows, world)[0])
     whiten = np.linalg.inv(np.linalg.cholesky(state.covariance[:2, :2]))

@@ -16,7 +16,7 @@ PARTICLES, SMOOTHED_PARTICLES = 1000, 5000
 
 @dataclass(frozen=True)
 class RefineConfig(Settings):
-    """Settings of the refinement of tag positions by cameras."""
+    """Settings of the refinement of tag positions by cameras: which cameras, how, and which of their bearings."""
 
     refine: tuple[str, ...] | None = setting(
         None,
@@ -41,7 +41,7 @@ class RefineConfig(Settings):
 
 @dataclass(frozen=True)
 class VirtualConfig(RefineConfig):
-    """Settings of method `virtual`: which virtual sensor a tag is in, by the readers that read it."""
+    """Settings of method `virtual`, which locates a tag by the set of readers that read it."""
 
     OWNER: ClassVar[str] = "virtual"
 
@@ -65,7 +65,7 @@ class VirtualConfig(RefineConfig):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that a reader reads tags in its range more often than others."""
+        """Generate (setting, whether it fits, limit as text): reads in range are likelier than reads out of range."""
         yield (
             "false_alarm_probability",
             self.false_alarm_probability < self.detection_probability,
@@ -121,13 +121,13 @@ class RssiConfig(LagConfig, RefineConfig):
 
     @property
     def n_particles(self) -> int:
-        """Return the number of particles, stated or default."""
+        """Return the number of particles of a tag; if not stated, more where tracks are smoothed."""
         if self.particles is not None:
             return self.particles
         return SMOOTHED_PARTICLES if self.smoothed else PARTICLES
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that a reader reads tags in its range more often than others."""
+        """Generate (setting, whether it fits, limit as text): reads in range are likelier than reads out of range."""
         yield (
             "false_alarm_probability",
             self.false_alarm_probability < self.detection_probability,

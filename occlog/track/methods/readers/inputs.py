@@ -43,20 +43,20 @@ class Windows:
         return len(self.t_ns)
 
     def take(self, rows: Ints | Bools | slice) -> Windows:
-        """Select rows by a mask, a slice or an index array."""
+        """Return the windows selected by a mask, a slice or indices."""
         return Windows(self.t_ns[rows], self.target_id[rows], self.count[rows], self.rssi[rows])
 
 
 def windows_of(
     chunks: Iterable[Reads], readers: Sequence[str], window_ns: int, targets: Sequence[int] = ()
 ) -> Iterator[Windows]:
-    """Generate the reads grouped by window and tag; where chunks are cut does not matter.
+    """Generate reads grouped by time window and tag, in time order; the result does not depend on the chunks.
 
     Args:
         chunks: reads in the order of time.
-        readers: names of the readers that count.
-        window_ns: length of a window, > 0; the first one begins at the first read.
-        targets: targets to keep; none: all.
+        readers: names of the readers to use; they are the columns.
+        window_ns: length of a window [ns], > 0; the first one begins at the first read.
+        targets: tags to keep; none: all.
 
     Raises:
         InputError: times go back from one chunk to the next.
@@ -89,9 +89,13 @@ def windows_of(
 
 
 def _collected(rows: Reads, readers: Sequence[str], first: int, window_ns: int) -> Windows:
-    """Return reads grouped by window and tag, in the order of time.
+    """Return reads grouped by time window and tag, in the order of time.
 
-    `readers` are the names of the columns, `first` is the time at which the first window begins [ns].
+    Args:
+        rows: reads of whole windows.
+        readers: names of the readers, the columns.
+        first: time at which the first window begins [ns].
+        window_ns: length of a window [ns].
     """
     n = len(readers)
     if not len(rows):
@@ -124,18 +128,21 @@ REMEDY = "make a recording with reads by `occlog ingest` (readers, reads)"
 
 
 class ReadsInput:
-    """Stream of read windows, with the readers' models.
+    """Inputs of a run that tracks tags: a stream of windows of reads, readers, scene and models.
 
     Attributes:
         scene: scene with the sensors, in its own unit.
         readers: readers in use.
-        window_ns: length of a window.
-        first_ns: time of the first read.
+        window_ns: length of a window [ns].
+        first_ns: time of the first read [ns].
         losses: what was lost when the reads, and the path losses, were made.
     """
 
     def __init__(self, request: ReadsRequest) -> None:
-        """Open the reads; InputError if there are none."""
+        """Open the request's reads, scene and path losses.
+
+        InputError if there are no reads of the chosen tags and readers, UsageError for a window of 0 s or less.
+        """
         self.request = request
         opened = open_input(request.bearings, Reads, remedy=REMEDY)
         self.scene: Scene = load_scene(request.scene, opened.scene, request.bearings)
@@ -202,7 +209,10 @@ class ReadsInput:
         return spec
 
     def virtual(self) -> tuple[VirtualConfig, ReaderRegions, Floats]:
-        """Return settings of method `virtual`, its virtual sensors, and (R,) read thresholds [dBm]."""
+        """Return settings of method `virtual`, its virtual sensors, and (R,) strengths from which a read counts [dBm].
+
+        InputError if the range of a reader is not known.
+        """
         given = dict(self.request.settings)
         config = configure(VirtualConfig.in_unit(self.scene.length_unit), given)
         positions = np.array([r.position for r in self.readers])
@@ -220,7 +230,7 @@ class ReadsInput:
         return config, virtual_sensors(positions[:, :2], ranges, self.scene.room), thresholds
 
     def _range(self, reader: TagReader, usual: float | None) -> float:
-        """Return the reading range of a reader: its own, else `usual`; InputError if both are unknown."""
+        """Return the reading range of a reader [length]: its own, else `usual`; InputError if both are unknown."""
         if np.isfinite(reader.range):
             return reader.range
         if usual is None:
@@ -232,7 +242,7 @@ class ReadsInput:
         return usual
 
     def rssi(self) -> tuple[RssiConfig, TagFilterModel]:
-        """Return settings and filter constants of method `rssi`."""
+        """Return settings and model of method `rssi`; values of a path-loss file replace the settings."""
         given = dict(self.request.settings)
         config = configure(RssiConfig.in_unit(self.scene.length_unit), given)
         config = configure(config, {"particles": config.n_particles})
@@ -253,7 +263,7 @@ class ReadsInput:
                 height=config.tag_height,
                 metre=metre_of(self.scene.length_unit),
             )
-        rules = TagFilterModel(
+        tag_model = TagFilterModel(
             model=model,
             ranges=np.array([r.range for r in self.readers]),
             room=self.scene.surroundings,
@@ -263,10 +273,13 @@ class ReadsInput:
             detection=config.detection_probability,
             stray=config.false_alarm_probability,
         )
-        return config, rules
+        return config, tag_model
 
     def sight_lines(self, config: RefineConfig) -> RefineBearings | None:
-        """Return bearings of the refining cameras; None without any."""
+        """Return the bearings of the cameras that refine positions; None if no camera does.
+
+        UsageError for bearings without such a camera, or for too few cameras.
+        """
         if config.refine is None:
             if self._sights is not None:
                 raise UsageError("sights apply to cameras that refine; name the cameras (refine)", id="not-applicable")
@@ -342,7 +355,7 @@ def refuse_twice(given: Mapping[str, object], names: tuple[str, ...]) -> None:
 
 
 def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss:
-    """Return the path-loss model of a file for these readers, which it must all have."""
+    """Return the path-loss model of a file's content for these readers, which it must all have."""
     power = {r.name: r.power for r in spec.readers}
     return PathLoss(
         positions=np.array([r.position for r in readers]),
@@ -357,5 +370,5 @@ def path_loss_of(spec: PathLossSpec, readers: tuple[TagReader, ...]) -> PathLoss
 
 
 def metre_of(length_unit: str) -> float:
-    """Return one metre in length units; 1 for scene-specific units."""
+    """Return the length of one metre in `length_unit`; 1 for a unit that is not known."""
     return 1.0 / METRES.get(length_unit, 1.0)

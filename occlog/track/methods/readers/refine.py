@@ -29,7 +29,7 @@ NEAREST = 1e-6
 
 
 class TagSightings(NamedTuple):
-    """Bearings of a tag from C cameras in N windows; NaN where unseen."""
+    """Bearings of a tag by C cameras in N windows; NaN where a camera does not see it."""
 
     position: Floats  # (C, 2) of the cameras on the ground
     yaw: Floats  # (C,) azimuth of their axes [rad]
@@ -38,7 +38,7 @@ class TagSightings(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """N tag positions, refined by cameras where possible, and by which of C cameras."""
+    """N positions of a tag, refined by cameras where possible, and which of C cameras refined each."""
 
     xy: Floats  # (N, 2)
     covariance: Floats  # (N, 2, 2)
@@ -46,13 +46,13 @@ class Refined(NamedTuple):
 
 
 def refine(xy: Floats, covariance: Floats, sights: TagSightings, form: str) -> Refined:
-    """Refine coarse positions by lines of sight; a position without enough of them stays.
+    """Return coarse positions refined by lines of sight of cameras; a position without enough of them stays.
 
     Args:
         xy: (N, 2) coarse positions.
         covariance: (N, 2, 2) covariances of the coarse positions.
         sights: bearings of the tag from the cameras.
-        form: `rays`, `printed-1` or `parallel`.
+        form: `rays` (from one camera on), `printed-1` or `parallel` (from two cameras on).
     """
     seen = np.isfinite(sights.bearing)
     if form == RAYS:
@@ -61,9 +61,13 @@ def refine(xy: Floats, covariance: Floats, sights: TagSightings, form: str) -> R
 
 
 def _by_rays(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools) -> Refined:
-    """Refine coarse positions by the posterior of Gaussian bearings with them as prior, by Levenberg-Marquardt.
+    """Refine positions as the mode of Gaussian bearings with the coarse positions as prior, by Levenberg-Marquardt.
 
-    `xy` (N, 2) and `covariance` (N, 2, 2) are the coarse positions, `seen` (N, C): the camera sees the tag.
+    Args:
+        xy: (N, 2) coarse positions.
+        covariance: (N, 2, 2) covariances of the coarse positions.
+        sights: bearings of the tag from the cameras.
+        seen: (N, C) whether a camera sees the tag.
     """
     prior = np.linalg.inv(covariance)
     weight = np.where(seen, 1.0 / np.where(seen, sights.sigma, 1.0) ** 2, 0.0)
@@ -101,12 +105,20 @@ def _by_rays(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools) 
 
 
 def _by_planes(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools, *, deep: bool) -> Refined:
-    """Move by what the first two cameras that see the tag see between it and the coarse position (Eqs. 5.39, 5.40).
+    """Refine positions by the first two cameras that see the tag, on planes through the coarse position.
+
+    This is [Lee] Sec. 5.2.3.
 
     With cameras at a right angle, one along each axis, (dx, dy) = (du_2, du_1) as printed; else the two displacements
-    across the cameras' axes are solved for.  The covariance is propagated to first order from that of the coarse
-    position and of the bearings: an error across the planes is left, times the slope of the line of sight. `deep`:
-    correct for the tag's depth (Eq. 5.40).
+    across the cameras' axes are solved for. The covariance is propagated to first order from that of the coarse
+    position and of the bearings.
+
+    Args:
+        xy: (N, 2) coarse positions.
+        covariance: (N, 2, 2) covariances of the coarse positions.
+        sights: bearings of the tag from the cameras.
+        seen: (N, C) whether a camera sees the tag.
+        deep: correct for the tag's depth (Eq. 5.40); else Eq. 5.39.
     """
     n = len(xy)
     first = np.argsort(~seen, axis=1, kind="stable")[:, :2]
@@ -139,28 +151,32 @@ def _by_planes(xy: Floats, covariance: Floats, sights: TagSightings, seen: Bools
 
 
 def _wrapped(angle: Floats) -> Floats:
+    """Return angles [rad] wrapped to [-pi, pi)."""
     return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 class RefineBearings:
-    """Bearings of the refining cameras, searchable by time."""
+    """Bearings of the cameras that refine tag positions, searchable by time."""
 
     def __init__(self, bearings: Bearings, cameras: Sequence[Camera], frame_age_s: float, gate: float, pace: float):
-        """Keep the rows of the cameras that saw something.
+        """Keep the rows of the given cameras that have a detection.
 
         Args:
             bearings: bearings in the order of time.
-            cameras: cameras whose bearings are used.
-            frame_age_s: frames farther away in time than this are not used.
+            cameras: cameras to use.
+            frame_age_s: largest time between a frame and a window of reads [s].
             gate: standard deviations within which a candidate without a label is of a tag.
-            pace: speed of tags in units of length.
+            pace: speed of tags [length/s], which widens bearings of other times.
         """
         self.cameras = tuple(cameras)
         self._rows = [bearings.take((bearings.sensor == c.name) & bearings.seen) for c in cameras]
         self._age_ns, self._gate, self._pace = round(frame_age_s * NS), gate, pace
 
     def of(self, tracks: TagTracks) -> TagSightings:
-        """Select the line of sight of each camera for each row: by the tag's label, else the best-fitting candidate."""
+        """Return the bearing of each camera for each row of the tracks: by label, else the best-fitting candidate.
+
+        Bearings are NaN where a camera has none within the age and the gate.
+        """
         n, c = len(tracks), len(self.cameras)
         bearing, sigma = np.full((n, c), np.nan), np.full((n, c), np.nan)
         for k, camera in enumerate(self.cameras):
@@ -172,9 +188,9 @@ class RefineBearings:
         return TagSightings(positions, np.array([camera.yaw for camera in self.cameras]), bearing, sigma)
 
     def _choose(self, k: int, camera: Camera, tracks: TagTracks, row: int) -> tuple[float, float] | None:
-        """Return the bearing [rad] of camera `k` for row `row` of the tracks, and its standard deviation.
+        """Return the bearing [rad] of camera number `k` for row `row` of the tracks, and its standard deviation [rad].
 
-        None without one. The standard deviation holds what the tag may have moved since the frame.
+        None without one. The standard deviation includes what the tag may have moved since the frame.
         """
         own, t_ns = self._rows[k], int(tracks.t_ns[row])
         low, high = np.searchsorted(own.t_ns, [t_ns - self._age_ns, t_ns + self._age_ns + 1])
@@ -205,9 +221,9 @@ class RefineBearings:
 
 
 def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> TagTracks:
-    """Return the tracks with positions refined by the lines of sight.
+    """Return the tracks with positions refined by the lines of sight of cameras.
 
-    For form `rays`, velocities follow by correlation.
+    Velocities follow by correlation for form `rays`, and become unknown (NaN) for other forms.
     """
     if not len(tracks):
         return tracks
@@ -231,8 +247,14 @@ def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> Ta
 def _velocities(tracks: TagTracks, before: Floats, covariance: Floats, found: Refined, form: str) -> dict[str, Floats]:
     """Return the columns of velocities and their covariances given the refined positions, by name.
 
-    They are NaN for refined rows if `form` is not `rays`. `before` (n, 2) and `covariance` (n, 2, 2) are the positions
-    before.
+    For forms other than `rays` they are NaN in refined rows.
+
+    Args:
+        tracks: tracks before the refinement.
+        before: (n, 2) positions before.
+        covariance: (n, 2, 2) covariances of these.
+        found: refined positions.
+        form: `rays`, `printed-1` or `parallel`.
     """
     names = ("vx_vx", "vx_vy", "vy_vy", "x_vx", "x_vy", "y_vx", "y_vy")
     if form != "rays":

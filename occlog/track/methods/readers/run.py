@@ -27,7 +27,7 @@ FLAGS = {NO_MATCHING_REGION: "no-matching-region", "restart": "reads-unexplained
 
 
 class ReadsSummary:
-    """Summary figures, counted over a stream of tables."""
+    """Counts of a run that tracks tags, added up part by part, and the figures of the summary."""
 
     def __init__(self) -> None:
         """Start with all counts at 0."""
@@ -46,11 +46,10 @@ class ReadsSummary:
         self.refined += int(np.count_nonzero(part.refined_by != ""))
 
     def figures(self) -> dict[str, object]:
-        """Return the figures of the summary.
+        """Return the figures of the summary by name.
 
-        tags, rows: of the tracks.  refined: rows that cameras refined.  mean_sigma: mean root of the covariance's
-        trace.
-        quality_flags: rows with each flag.
+        `tags`, `rows`: of the tracks. `refined`: rows that cameras refined, if any. `mean_sigma`: mean root of the
+        trace of the position covariance. `quality_flags`: rows with each flag, if any.
         """
         return {
             "tags": len(self.tags),
@@ -61,7 +60,7 @@ class ReadsSummary:
         }
 
     def checks(self) -> tuple[Check, ...]:
-        """Return the checks of the tracks with their findings."""
+        """Return the check of quality flags, with a finding for each flag of too many rows (`MAX_FLAGGED_SHARE`)."""
         return outcome(
             "quality flags",
             (
@@ -99,8 +98,8 @@ def run_track_reads(request: ReadsRequest, job: Job) -> tuple[dict[str, object],
     else:
         if request.virtual_sensors is not None:
             raise UsageError(f"method {request.method} has no virtual sensors to write", id="not-applicable")
-        rssi, rules = inputs.rssi()
-        tracked = track_rssi(windows, rules, inputs.names, request.seed, rssi)
+        rssi, tag_model = inputs.rssi()
+        tracked = track_rssi(windows, tag_model, inputs.names, request.seed, rssi)
         parameters, lines, form = inputs.parameters(rssi), inputs.sight_lines(rssi), rssi.refine_method
     if lines is not None:
         tracked = (refined_positions(part, lines, form) for part in tracked)

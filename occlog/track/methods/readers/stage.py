@@ -31,12 +31,14 @@ def track_virtual(
     detection: float,
     stray: float,
 ) -> Iterator[TagTracks]:
-    """Generate tracks: the position of each tag in each window by the readers that detect it.
+    """Generate tracks of tags by virtual sensors: a position for each window by the readers that detect the tag.
+
+    Windows in which no reader detects the tag have no row.
 
     Args:
         windows: windows of R readers' reads, in the order of time.
         regions: the virtual sensors.
-        names: (R,) of the readers.
+        names: (R,) names of the readers.
         thresholds: (R,) mean strength [dBm] from which a reader counts as one that detects the tag; -inf: every read.
         detection: probability that a reader in range detects a tag.
         stray: probability that a reader out of range does.
@@ -53,7 +55,7 @@ def track_virtual(
 
 
 class TagRow(NamedTuple):
-    """The estimate of one window of one tag."""
+    """Estimate of one tag in one window of reads, and the readers that read it."""
 
     target: int
     t_ns: int
@@ -67,16 +69,16 @@ class TagRow(NamedTuple):
 
 
 def track_rssi(
-    windows: Iterable[Windows], rules: TagFilterModel, names: Sequence[str], seed: int, lag: LagConfig
+    windows: Iterable[Windows], tag_model: TagFilterModel, names: Sequence[str], seed: int, lag: LagConfig
 ) -> Iterator[TagTracks]:
-    """Generate tracks by a filter of each tag's reads; each tag has its own particles and random numbers.
+    """Generate tracks of tags by particle filters on signal strengths, one for each tag with its own random numbers.
 
     Args:
         windows: windows of R readers' reads, in the order of time.
-        rules: model and settings.
+        tag_model: constants of the filter.
         names: (R,) names of the readers.
         seed: seed of all random numbers.
-        lag: whether estimates use later reads.
+        lag: settings of smoothing: whether estimates use later reads.
     """
     clouds: dict[int, TagParticles] = {}
     draws: dict[int, np.random.Generator] = {}
@@ -86,17 +88,17 @@ def track_rssi(
         back=lambda traces, own, rng: smoothed_states(own, traces),  # noqa: ARG005
     )
     later: BackwardSmoother[PosteriorRecord, TagFilterModel, TagRow] | None
-    later = backward_smoother(smoothing, rules, seed)
+    later = backward_smoother(smoothing, tag_model, seed)
     for part in windows:
         rows: list[TagRow] = []
         for row in range(len(part)):
             target, t_ns = int(part.target_id[row]), int(part.t_ns[row])
             if target not in clouds:
                 draws[target] = generator(seed, RandomStream.TRACK, target)
-                clouds[target] = begin(rules, t_ns, draws[target])
+                clouds[target] = begin(tag_model, t_ns, draws[target])
             before_ns = clouds[target].t_ns
             clouds[target], found = step(
-                rules, clouds[target], t_ns, part.count[row], part.rssi[row], rng=draws[target]
+                tag_model, clouds[target], t_ns, part.count[row], part.rssi[row], rng=draws[target]
             )
             reasons = {RESTART: found.restarted, DEPLETED: found.effective < MIN_EFFECTIVE_SAMPLE_SIZE}
             doubt = ",".join(name for name, holds in reasons.items() if holds)
@@ -105,7 +107,7 @@ def track_rssi(
             if later is None:
                 rows.append(own)
             else:
-                later.add(own, trace_of(rules, found, before_ns))
+                later.add(own, trace_of(tag_model, found, before_ns))
                 rows += later.settled(t_ns)
         yield _tag_table(rows, names)
     if later is not None:
@@ -131,7 +133,7 @@ def region_table(regions: Regions, names: Sequence[str], t_ns: int) -> VirtualSe
     Args:
         regions: regions covered by sets of the R readers.
         names: (R,) names of the readers.
-        t_ns: time from which they hold.
+        t_ns: time from which they hold [ns].
     """
     return VirtualSensors.of(
         t_ns=np.full(len(regions.area), t_ns, dtype=np.int64),
@@ -147,7 +149,10 @@ def region_table(regions: Regions, names: Sequence[str], t_ns: int) -> VirtualSe
 
 
 def _names(members: Bools, names: Sequence[str]) -> np.ndarray:
-    """Return (n,) comma-separated names (of `names`, R) of the readers in each row of `members` (n, R)."""
+    """Return (n,) comma-separated names of the readers that are True in each row of `members` (n, R).
+
+    `names` (R,) are the readers.
+    """
     known = np.asarray(names, dtype=np.str_)
     return np.array([",".join(known[row].tolist()) for row in members], dtype=np.str_)
 
@@ -165,12 +170,12 @@ def _tracks(
 
     Args:
         t_ns: (n,) times.
-        target_id: (n,) tags.
+        target_id: (n,) identities of the tags.
         xy: (n, 2) estimated positions.
         velocity: (n, 2); NaN: unknown.
         covariance: (n, 2, 2) of positions, or (n, 4, 4) of positions and velocities.
-        read_by: (n,) names of readers.
-        doubt: (n,) quality flags.
+        read_by: (n,) names of the readers, comma-separated.
+        doubt: (n,) quality flags, comma-separated.
     """
     pairs = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}
     columns = {f"cov_{name}": covariance[:, i, j] for name, (i, j) in pairs.items()}

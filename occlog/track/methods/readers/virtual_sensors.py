@@ -27,7 +27,10 @@ MIN_SHARE = 1e-5
 
 
 class ReaderRegions(NamedTuple):
-    """V regions formed by the overlaps of R readers' coverages."""
+    """V virtual sensors: the regions of the floor that exactly the same of R readers cover.
+
+    Each has its area, centroid and the covariance of a uniform position over it.
+    """
 
     members: Bools  # (V, R) which readers cover the region
     area: Floats  # (V,)
@@ -36,12 +39,12 @@ class ReaderRegions(NamedTuple):
 
 
 def virtual_sensors(positions: Floats, ranges: Floats, room: Floats | None = None) -> ReaderRegions:
-    """Cut the floor by the discs of the readers.
+    """Return the virtual sensors: the regions into which the discs of the readers' ranges divide the floor.
 
-    A region may be of several pieces; a part of the floor that no reader covers is no virtual sensor.
+    A region may consist of several pieces; a part of the floor that no reader covers is no virtual sensor.
 
     Args:
-        positions: (R, 2) of the readers.
+        positions: (R, 2) positions of the readers.
         ranges: (R,) radii of the discs, finite, > 0.
         room: (K, 2) polygon outside of which there is no tag; None: there are no walls.
     """
@@ -69,7 +72,10 @@ def virtual_sensors(positions: Floats, ranges: Floats, room: Floats | None = Non
 
 
 def most_virtual_sensors(readers: int, overlap: int) -> int:
-    """Return the number of sets of at most `overlap` readers: sum of C(k, i), i = 1..p ([Lee] Sec. 5.2.3)."""
+    """Return the largest number of virtual sensors of readers of which at most `overlap` cover one position.
+
+    It is the sum of the binomial coefficients C(readers, i), i = 1 to overlap ([Lee] Sec. 5.2.3).
+    """
     return sum(math.comb(readers, i) for i in range(1, min(overlap, readers) + 1))
 
 
@@ -82,9 +88,9 @@ class RegionMoments(NamedTuple):
 
 
 def region_moments(region: BaseGeometry) -> RegionMoments:
-    """Return area, centroid and covariance of a polygon with holes, or of several, by Green's theorem.
+    """Return area, centroid and covariance of a uniform position in a region, by Green's theorem.
 
-    `region` has a positive area.
+    `region` is a polygon, possibly with holes, or several polygons; its area is above 0.
     """
     # About the middle of its bounds, since moments of a region far from the origin would cancel
     x0, y0, x1, y1 = region.bounds
@@ -130,7 +136,10 @@ def _disc(position: Floats, radius: float) -> BaseGeometry:
 
 
 class CoarsePositions(NamedTuple):
-    """Positions of a tag in W windows by virtual sensors, with covariances."""
+    """Positions of a tag in W windows by virtual sensors, with covariances.
+
+    `matched` (W,) is false where every virtual sensor has probability 0 given the readers that read the tag.
+    """
 
     xy: Floats  # (W, 2) means
     covariance: Floats  # (W, 2, 2)
@@ -138,12 +147,12 @@ class CoarsePositions(NamedTuple):
 
 
 def locate(sensors: ReaderRegions, detected: Bools, detection: float, stray: float) -> CoarsePositions:
-    """Find the mean and covariance of a tag's position given which readers read it.
+    """Return mean and covariance of a tag's position in each window, given which readers read it.
 
     P(detected | virtual sensor v) = prod over readers of `detection` or 1 - `detection` where v is in their range, and
-    of `stray` or 1 - `stray` where it is not; the prior is the area.  With detection 1 and stray 0 the position is the
-    reference point of the one virtual sensor of these readers ([Lee] Sec. 5.2.3).  Where no region has a probability
-    above 0, those count with readers that differ in the fewest.
+    of `stray` or 1 - `stray` where it is not; the prior is the area. With detection 1 and stray 0 the position is the
+    centroid of the one virtual sensor of these readers ([Lee] Sec. 5.2.3). Where no region has a probability above 0,
+    those count with readers that differ in the fewest.
 
     Args:
         sensors: the V virtual sensors of R readers.

@@ -21,7 +21,10 @@ OVER_S = 1.0
 
 
 class Encounters:
-    """Pairs of people who are near each other, and how probably their identities were exchanged meanwhile."""
+    """Pairs of people of one camera who are near each other, with the probability that their identities are exchanged.
+
+    An encounter ends when no exchange was possible for `OVER_S`.
+    """
 
     def __init__(self) -> None:
         """Start without ongoing encounters."""
@@ -31,8 +34,8 @@ class Encounters:
         """Add a frame, and generate the events of the encounters that have ended.
 
         Args:
-            t_ns: time of the frame.
-            ids: (N,) identities of the tracks; -1: none.
+            t_ns: time of the frame [ns].
+            ids: (N,) identities of the tracks; -1: not confirmed.
             ratio: (N, M) log likelihood ratios of tracks and boxes.
             target: (k,) indices of the tracks with a box.
             box: (k,) index of each such track's box.
@@ -55,7 +58,13 @@ class Encounters:
 def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[int, int, float]]:
     """Return pairs of identities with the probability that their boxes are exchanged, above `NEAR_PROBABILITY`.
 
-    One of the two may have no box: then the other's box may be its own. Arguments are those of `Encounters.add`.
+    One of the two may have no box: then the other's box may be its own.
+
+    Args:
+        ids: (N,) identities of the tracks; -1: not confirmed, left out.
+        ratio: (N, M) log likelihood ratios of tracks and boxes.
+        target: (k,) indices of the tracks with a box.
+        box: (k,) index of each such track's box.
     """
     assigned = np.full(len(ids), -1, dtype=np.int64)
     assigned[target] = box
@@ -75,16 +84,16 @@ def exchanges(ids: Ints, ratio: Floats, target: Ints, box: Ints) -> list[tuple[i
 
 
 def tempered(loss: Floats) -> Floats:
-    """Return the probability of the alternative from the log likelihood ratio `loss` by which it is less likely."""
+    """Return the probability of an alternative that is less likely by the log likelihood ratio `loss` (any shape).
+
+    The ratio is halved before (`TEMPER`), as errors of boxes last from frame to frame.
+    """
     with np.errstate(over="ignore"):
         return np.asarray(1.0 / (1.0 + np.exp(TEMPER * loss)))
 
 
 def _events(pair: tuple[int, int], probability: float) -> list[Event]:
-    """Return the possible identity switch as an event of both people.
-
-    There is none if it is less probable than `MIN_PROBABILITY`.
-    """
+    """Return the possible identity switch of a pair as an event of both people; none below `MIN_PROBABILITY`."""
     if probability < MIN_PROBABILITY:
         return []
     return [Event("possible_switch", a, b, probability) for a, b in (pair, pair[::-1])]

@@ -67,18 +67,20 @@ MAX_EXISTENCE = 1.0 - 1e-4
 
 @dataclass
 class Targets:
-    """N tracks, tentative ones too.
+    """N tracks of one camera as arrays, confirmed and tentative.
+
+    A state is (centre x, y [px], ln of the height [px], width / height), each with a rate [1/s].
 
     Attributes:
-        key: number of each track, from the start of the filter.
-        id: identity; -1: not confirmed.
-        mean: (N, 4, 2) values and rates of the states of `kernels.boxes`.
-        cov: (N, 4, 3) covariances, as in `kernels.motion`.
+        key: (N,) number of each track, from the start of the filter.
+        id: (N,) identity; -1: not confirmed.
+        mean: (N, 4, 2) values and rates of the states.
+        cov: (N, 4, 3) variance of the value, covariance, variance of the rate, for each coordinate.
         last: (N, 4) state after the last box.
         last_var: (N, 4) variances of the state after the last box.
-        existence: probability that the person is there.
-        boxes: number of boxes so far.
-        coasting_s: time since the last box [s].
+        existence: (N,) probability that the person is there.
+        boxes: (N,) number of boxes so far.
+        coasting_s: (N,) time since the last box [s].
         appearance: (N, K) mean appearance; NaN: none.
     """
 
@@ -139,7 +141,10 @@ class _Scored(NamedTuple):
 
 
 class SortFilter:
-    """The filter of one camera: its tracks, and what it has learned of the detector; `step` changes it."""
+    """Tracker of the boxes of one camera: tracks, learned statistics of the detector, encounters of targets.
+
+    `step` updates it in place by the boxes of a frame.
+    """
 
     def __init__(self, config: SortConfig, size: tuple[int, int] | None = None) -> None:
         """Start without tracks.
@@ -160,13 +165,17 @@ class SortFilter:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height of the image [px]."""
+        """Return width and height of the image [px]; if not given, the right and lower ends of the boxes so far."""
         return self._reach if self._size is None else self._size
 
     def step(self, found: FrameDetections, frame: int) -> FrameTracks:
-        """Update by a frame with number `frame`; frames come in time order, including those without boxes.
+        """Update the tracks with a frame, and return the rows of confirmed tracks with the events of this frame.
 
-        Return the rows of confirmed tracks, and the events of this frame.
+        Frames come in time order, including those without boxes; boxes without extent are ignored.
+
+        Args:
+            found: boxes of the frame, with confidences and appearances.
+            frame: number of the frame.
         """
         rows = np.flatnonzero((found.boxes[:, 2] - found.boxes[:, 0] > 0) & (found.boxes[:, 3] - found.boxes[:, 1] > 0))
         boxes, score, appearance = found.boxes[rows], found.score[rows], found.appearance[rows]
@@ -197,11 +206,14 @@ class SortFilter:
         return out._replace(events=tuple(events), keys=keys, of_keys=rows[np.concatenate([box, initiated])])
 
     def finish(self) -> tuple[Event, ...]:
-        """Return the events of encounters that are going on at the end."""
+        """Return the events of the encounters that are going on at the end."""
         return tuple(self._encounters.finish())
 
     def _widen(self, boxes: Floats, appearance: Floats) -> None:
-        """Update the reach of the boxes (M, 4), and the length of appearance vectors when the first (M, K) come."""
+        """Update the largest right and lower ends of boxes, and set the length of appearance vectors once known.
+
+        `boxes` (M, 4) are left, top, right, bottom [px], `appearance` (M, K).
+        """
         if len(boxes):
             self._reach = (max(self._reach[0], boxes[:, 2].max()), max(self._reach[1], boxes[:, 3].max()))
         if appearance.shape[1] and not self.targets.appearance.shape[1]:
@@ -213,13 +225,16 @@ class SortFilter:
         return np.where(self.targets.id >= 0, self.targets.existence, 0.0)
 
     def _noise(self, boxes: Floats) -> Floats:
-        """Return (M, 4) measurement variances of the states (see `kernels.boxes`) of boxes (M, 4)."""
+        """Return (M, 4) measurement variances of the states of `boxes` (M, 4): left, top, right, bottom [px].
+
+        A state is centre x and y [px], ln of the height, width / height.
+        """
         position = (self.config.sigma_position * (boxes[:, 3] - boxes[:, 1])) ** 2
         size = np.full(len(boxes), self.config.sigma_size**2)
         return np.column_stack([position, position, size, size])
 
     def _predict(self, dt: float) -> None:
-        """Predict all tracks by `dt` [s], in place."""
+        """Predict all tracks by `dt` [s], in place: states, covariances, existence and coasting time."""
         at, config = self.targets, self.config
         density = np.full((len(at.id), 4), SIZE_NOISE_DENSITY)
         density[:, :2] = (config.process_noise_density * np.exp(2.0 * at.mean[:, LOG_HEIGHT, 0]))[:, None]
@@ -231,14 +246,14 @@ class SortFilter:
     def _score(
         self, z: Floats, noise: Floats, score: Floats, appearance: Floats, visible: Floats, dt: float
     ) -> _Scored:
-        """Return log likelihood ratios of all pairs of N tracks and M boxes, with what they were made of.
+        """Return log likelihood ratios of all pairs of N tracks and M boxes, and the terms they were computed from.
 
         Args:
             z: (M, 4) states of the boxes.
             noise: (M, 4) variances of these.
-            score: (M,) confidences.
-            appearance: (M, K) of the boxes.
-            visible: (N,) visible shares of the tracks.
+            score: (M,) confidences; NaN: unknown.
+            appearance: (M, K) appearances of the boxes.
+            visible: (N,) shares of the tracks that nearer people do not hide, 0 to 1.
             dt: time since the last frame [s].
         """
         at = self.targets
@@ -263,7 +278,7 @@ class SortFilter:
         return _Scored(np.where(near, ratio, -np.inf), similarities, coasts & (there > here), missed, detection)
 
     def _strolled(self) -> Floats:
-        """Return (N, 4) variances of people who may have left the predicted path after their last box."""
+        """Return (N, 4) variances of the states of people who may have left the predicted path since their last box."""
         at = self.targets
         spread = (SIGMA_STROLL * np.exp(at.last[:, LOG_HEIGHT])) ** 2 * at.coasting_s
         size = SIGMA_SIZE_RATE**2 * (1.0 + at.coasting_s)
@@ -334,7 +349,7 @@ class SortFilter:
             at.appearance[who] = old + APPEARANCE_RATE * (appearance[of] - old)
 
     def _confirm(self) -> list[Event]:
-        """Assign identities to tracks that exist with sufficient probability; return the events."""
+        """Give identities to tentative tracks that exist with sufficient probability, in place; return the events."""
         at = self.targets
         new = np.flatnonzero(
             (at.id < 0) & (at.existence > self.config.confirmation_threshold) & (at.boxes >= MIN_BOXES)
@@ -348,14 +363,14 @@ class SortFilter:
         return events
 
     def _begin(self, free: Ints, boxes: Floats, z: Floats, noise: Floats, score: Floats, appearance: Floats) -> Ints:
-        """Start tentative tracks at unassigned boxes; return the indices of the boxes that began one.
+        """Start tentative tracks at unassigned boxes, in place; return the indices of the boxes that began one.
 
         Args:
             free: indices of the unassigned boxes.
-            boxes: (M, 4) of the frame.
+            boxes: (M, 4) of the frame: left, top, right, bottom [px].
             z: (M, 4) states of these.
             noise: (M, 4) variances of the states.
-            score: (M,) confidences.
+            score: (M,) confidences; NaN: unknown.
             appearance: (M, K) of the boxes.
         """
         at = self.targets
@@ -383,10 +398,10 @@ class SortFilter:
         return initiated
 
     def _shown(self, detected: Bools) -> Bools:
-        """Return (N,) booleans: the track has an output row.
+        """Return (N,) booleans: the track has an output row in this frame.
 
-        Such tracks are confirmed, and have a box (`detected`, (N,)) or are probably present near the predicted
-        position.
+        Such tracks are confirmed, and have a box (`detected` (N,)) or are probably within a third of their width of the
+        prediction.
         """
         at = self.targets
         width = np.exp(at.mean[:, LOG_HEIGHT, 0]) * np.maximum(at.mean[:, ASPECT, 0], MIN_ASPECT)
@@ -398,7 +413,12 @@ class SortFilter:
     def _rows(self, t_ns: int, frame: int, shown: Bools, detected: Bools, visible: Floats) -> FrameTracks:
         """Return the output rows of the tracks `shown` (N,), sorted by identity, without events and keys.
 
-        `detected` (N,): the track has a box in this frame; `visible` (N,) are visible shares.
+        Args:
+            t_ns: time of the frame [ns].
+            frame: number of the frame.
+            shown: (N,) whether a track has a row.
+            detected: (N,) whether it has a box in this frame.
+            visible: (N,) share that nearer people do not hide.
         """
         at = self.targets
         rows = np.flatnonzero(shown)
@@ -410,7 +430,7 @@ class SortFilter:
         )  # fmt: skip
 
     def _end(self, detected: Bools) -> list[Event]:
-        """Delete tracks that left, are unlikely to exist, or have lost their position; return the events.
+        """Delete tracks that left the image, hardly exist or coasted for too long, in place; return the events.
 
         `detected` (N,): the track has a box in this frame.
         """
@@ -425,16 +445,18 @@ class SortFilter:
 
 
 def match_probability(width: Floats, variance: Floats) -> Floats:
-    """Return (N,) probabilities that positions with variances `variance` (N,) are within a third of `width` (N,)."""
+    """Return (N,) probabilities that a normal error of variance `variance` (N,) is within a third of `width` (N,)."""
     out: Floats = erf(width / 3.0 / np.sqrt(2.0 * variance))
     return out
 
 
 def _initiated(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Floats]:
-    """Return initial means (n, 4, 2) and covariances (n, 4, 3) of tracks from single boxes.
+    """Return initial means (n, 4, 2) and covariances (n, 4, 3) of n tracks from single boxes.
 
-    `z` (n, 4) are the boxes' states, `noise` (n, 4) their variances, `sigma_speed` the standard deviation of a speed
-    per axis [heights/s].
+    Args:
+        z: (n, 4) states of the boxes: centre [px], ln of the height, width / height.
+        noise: (n, 4) variances of the states.
+        sigma_speed: standard deviation of a speed per axis [box heights/s].
     """
     mean, cov = np.zeros((len(z), 4, 2)), np.zeros((len(z), 4, 3))
     mean[..., 0], cov[..., 0] = z, noise
@@ -446,7 +468,13 @@ def _initiated(z: Floats, noise: Floats, sigma_speed: float) -> tuple[Floats, Fl
 def _likelihood(mean: Floats, variance: Floats, z: Floats, noise: Floats) -> tuple[Floats, Floats]:
     """Return (N, M) log likelihoods of M boxes for N tracks, and (N, M) squared Mahalanobis distances.
 
-    `mean` and `variance` (N, 4) are the tracks' predicted states, `z` and `noise` (M, 4) those of the boxes.
+    Innovations have a Student t distribution with `TAIL` degrees of freedom.
+
+    Args:
+        mean: (N, 4) predicted states of the tracks.
+        variance: (N, 4) variances of these.
+        z: (M, 4) states of the boxes.
+        noise: (M, 4) variances of these.
     """
     spread = variance[:, None, :] + noise[None]
     off = mean[:, None, :] - z[None]
@@ -456,9 +484,9 @@ def _likelihood(mean: Floats, variance: Floats, z: Floats, noise: Floats) -> tup
 
 
 def _assigned(ratio: Floats) -> tuple[Ints, Ints]:
-    """Return the assignment of tracks (k,) to boxes (k,) with maximum sum of ratios, without negative ones.
+    """Return (k,) indices of tracks and (k,) of their boxes, the assignment with the largest sum of ratios.
 
-    `ratio` (N, M) are log likelihood ratios.
+    `ratio` (N, M) are log likelihood ratios; pairs with a ratio of 0 or less are not assigned.
     """
     gain = np.where(ratio > 0.0, ratio, 0.0)
     rows, columns = linear_sum_assignment(gain, maximize=True)

@@ -31,10 +31,14 @@ STATE_VOLUME = 0.5
 
 
 class DetectorStatistics:
-    """What was learned of the detector of one camera, priors included: detections, confidences, similarities."""
+    """Statistics of the detector of one camera, learned while tracking, with priors.
+
+    They are the probability of detection by visible share, the confidences of true and false boxes, and the appearance
+    similarities of equal and different people (`similarities` (2, 3): number, sum and sum of squares of each).
+    """
 
     def __init__(self, detection_probability: float) -> None:
-        """Start with the prior; `detection_probability` is that of unoccluded people."""
+        """Start with the priors; `detection_probability` is that of a person in plain view."""
         self._detected = PRIOR_FRAMES * detection_probability * np.array(HIDDEN)
         self._frames = np.full(VISIBILITY_BINS, PRIOR_FRAMES)
         shares = np.array(TRUE_SHARES)
@@ -44,22 +48,24 @@ class DetectorStatistics:
         self.similarities = np.zeros((2, 3))
 
     def detection(self, visible: Floats) -> Floats:
-        """Return (N,) detection probabilities of people by their visible share (N,)."""
+        """Return (N,) detection probabilities of people whose visible shares are `visible` (N,), 0 to 1."""
         return np.asarray((self._detected / self._frames)[_interval(visible, VISIBILITY_BINS)])
 
     def add_detections(self, visible: Floats, hit: Bools) -> None:
-        """Add people with visible shares `visible` (n,) to the statistics; `hit` (n,): the person was detected."""
+        """Add n people with visible shares `visible` (n,) to the statistics; `hit` (n,): the person was detected."""
         interval = _interval(visible, VISIBILITY_BINS)
         self._frames += np.bincount(interval, minlength=VISIBILITY_BINS)
         self._detected += np.bincount(interval, hit, VISIBILITY_BINS)
 
     def _shares(self, score: Floats) -> Floats:
-        """Return (M,) the share of people's boxes in the confidence interval of each box."""
+        """Return (M,) share of people's boxes in the confidence interval of each box; 1 for NaN (no confidence)."""
         shares = np.append(self._true / self._true.sum(), 1.0)
         return np.asarray(shares[_scores(score)])
 
     def log_score_ratio(self, score: Floats, area: float) -> Floats:
-        """(M,) log of the share of people's boxes of such a confidence over the density of clutter.
+        """Return (M,) logs of the share of people's boxes with a box's confidence over the density of clutter with it.
+
+        The density is per px^2 of the image and unit of the size.
 
         Args:
             score: (M,) confidences; NaN: none.
@@ -69,14 +75,18 @@ class DetectorStatistics:
         return np.asarray(np.log(self._shares(score)) - np.log(density))
 
     def birth_probability(self, score: Floats) -> Floats:
-        """Return (n,) probabilities, by the confidences `score` (n,), that unassigned boxes are of new people."""
+        """Return (n,) probabilities, by the confidences `score` (n,), that unassigned boxes are of new people.
+
+        They lie between `MIN_BIRTH` and `MAX_BIRTH`.
+        """
         initiated = BIRTHS_PER_FRAME * self._shares(score)
         return np.clip(initiated / (initiated + (self._false / self._looks)[_scores(score)]), MIN_BIRTH, MAX_BIRTH)
 
     def add_scores(self, score: Floats, people: Ints, clutter: Ints) -> None:
-        """Add a frame's confidences `score` (M,), by which boxes were of people.
+        """Add the confidences `score` (M,) of a frame's boxes to those of people and of clutter.
 
-        `people` are indices of boxes of confirmed tracks, `clutter` those of unassigned boxes.
+        `people` are the indices of boxes of confirmed tracks, `clutter` those of unassigned boxes. Clutter is forgotten
+        exponentially, within `MEMORY_FRAMES`.
         """
         kept = 1.0 - 1.0 / MEMORY_FRAMES
         self._false = kept * self._false + np.bincount(_scores(score[clutter]), minlength=SCORE_BINS + 1)
@@ -84,7 +94,7 @@ class DetectorStatistics:
         self._true += np.bincount(_scores(score[people]), minlength=SCORE_BINS + 1)[:SCORE_BINS]
 
     def add_similarity(self, kind: int, values: Floats) -> None:
-        """Add appearance similarities to the same person or to others (`kind` SAME_TARGET or OTHER_TARGET).
+        """Add appearance similarities `values` of one person (`kind` SAME_TARGET) or of two people (OTHER_TARGET).
 
         NaN is ignored.
         """
@@ -93,7 +103,10 @@ class DetectorStatistics:
 
 
 def _interval(share: Floats, count: int) -> Ints:
-    """Return, for each share (0 to 1), the index of its interval, of `count` equal ones."""
+    """Return, for each `share` (0 to 1), the index of its interval, of `count` equal ones.
+
+    Shares outside are in the first or last interval.
+    """
     return np.clip((np.asarray(share) * count).astype(np.int64), 0, count - 1)
 
 

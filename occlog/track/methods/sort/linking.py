@@ -60,9 +60,10 @@ class Boxes:
 
 
 class Doubt(NamedTuple):
-    """A link that may be wrong, or two that may be exchanged: rows of the boxes after it, frame, and probability.
+    """A link that may be wrong, or two links that may be exchanged, with the probability of the alternative.
 
-    `other` is -1 where one link may be wrong because a new person may have come instead.
+    `row` is the number of the first box after the link, `other` that after the second link; -1 where a single link may
+    be wrong because a new person may have come instead. `frame` is the index of the later one's frame.
     """
 
     row: int
@@ -72,7 +73,7 @@ class Doubt(NamedTuple):
 
 
 class SmoothedTrack(NamedTuple):
-    """A track with a box in each of the n frames from its first to its last."""
+    """A track with a smoothed box in each of the n frames from its first to its last."""
 
     frame: Ints  # (n,) index of the frame
     boxes: Floats  # (n, 4)
@@ -82,7 +83,10 @@ class SmoothedTrack(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """Smoothed first and last states of T tracklets, with mean appearances."""
+    """Smoothed states at the first and last boxes of T tracklets, with mean appearances.
+
+    A state has 4 coordinates (centre [px], ln of the height, width / height) with values and rates.
+    """
 
     start: Floats  # (T,) [s]
     end: Floats  # (T,)
@@ -96,13 +100,15 @@ class Ends(NamedTuple):
 def linked(
     tracks: Sequence[Boxes], times: Floats, config: SortConfig, similarities: Floats, area: float
 ) -> tuple[list[Boxes], list[Doubt]]:
-    """Cut tracks where they are doubtful and link the tracklets; return them by first frame, with the doubtful links.
+    """Cut tracks where they are doubtful, and link the tracklets; return the tracks and the doubtful links.
+
+    The tracks returned are sorted by first frame; those with fewer boxes than `min_boxes` are dropped.
 
     Args:
         tracks: tracks of the filter.
         times: (F,) times of the frames [s].
         config: settings of the method.
-        similarities: (2, 3) sums of similarities to the same person and to others.
+        similarities: (2, 3) number, sum and sum of squares of appearance similarities of one person and of two people.
         area: area of the image [px^2].
     """
     parts = cut(tracks, times)
@@ -119,9 +125,9 @@ def linked(
 
 
 def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
-    """Return tracklets by first frame: tracks cut where two overlap most, and at gaps.
+    """Return tracklets sorted by first frame: tracks cut where two overlap most, and at long gaps.
 
-    `times` (F,) are the frames' [s].
+    `times` (F,) are the times of the camera's frames [s].
     """
     at: list[set[int]] = [set() for _ in tracks]
     for (a, b), seen in _encounters(tracks).items():
@@ -143,7 +149,7 @@ def cut(tracks: Sequence[Boxes], times: Floats) -> list[Boxes]:
 
 
 def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, float]]:
-    """Return the overlaps above `CUT_OVERLAP` (intersection over union) by pair of tracks and by frame.
+    """Return the overlaps above `CUT_OVERLAP` (intersection over union), by pair of track indices and then by frame.
 
     Boxes are interpolated in gaps.
     """
@@ -171,7 +177,13 @@ def _encounters(tracks: Sequence[Boxes]) -> dict[tuple[int, int], dict[int, floa
 def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> tuple[Floats, Floats]:
     """Return smoothed means (n, 4, 2) and covariances (n, 4, 3) of a track at `frames` (n,), which include its own.
 
-    `times` (F,) are those of all frames [s].
+    A state has 4 coordinates (centre [px], ln of the height, width / height), each with value and rate.
+
+    Args:
+        track: boxes of the track.
+        times: (F,) times of the camera's frames [s].
+        config: settings of the method.
+        frames: (n,) indices of the frames, increasing.
     """
     states = states_of(track.boxes)
     seen = np.isin(frames, track.frame)
@@ -189,7 +201,7 @@ def _smoothed(track: Boxes, times: Floats, config: SortConfig, frames: Ints) -> 
 
 
 def _ends(parts: Sequence[Boxes], times: Floats, config: SortConfig) -> Ends:
-    """Return smoothed first and last states of tracklets; `times` (F,) are those of all frames [s]."""
+    """Return smoothed states at the first and last box of each tracklet; `times` (F,) are those of the frames [s]."""
     states = [_smoothed(each, times, config, each.frame) for each in parts]
     appearance = np.array([_mean(each.appearance) for each in parts])
     return Ends(
@@ -212,14 +224,14 @@ def _mean(appearance: Floats) -> Floats:
 def _joined(
     parts: Sequence[Boxes], times: Floats, config: SortConfig, similarities: Floats, births: float
 ) -> tuple[list[Boxes], list[Doubt]]:
-    """Link tracklets with maximum total likelihood; return the linked tracks and the doubtful links.
+    """Link tracklets with the largest sum of log likelihood ratios; return the linked tracks and the doubtful links.
 
     Args:
         parts: tracklets.
-        times: (F,) of the frames [s].
+        times: (F,) times of the frames [s].
         config: settings of the method.
-        similarities: (2, 3) sums of similarities to the same person and to others.
-        births: people who appear per second and px^2.
+        similarities: (2, 3) number, sum and sum of squares of appearance similarities of one person and of two people.
+        births: number of people who appear per second and px^2.
     """
     if len(parts) < 2:
         return list(parts), []
@@ -270,10 +282,13 @@ def _doubts(parts: Sequence[Boxes], following: dict[int, int], ratios: dict[tupl
 
 
 def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -> Iterator[Doubt]:
-    """Generate the doubt about a link, or a pair of links, if the alternative is probable enough.
+    """Generate the doubt about a link, or a pair of links, if the alternative has at least `MIN_PROBABILITY`.
 
-    `after` and `other` (None: a single link) are the tracklets that follow, `loss` is the log likelihood ratio by which
-    the alternative is less likely.
+    Args:
+        parts: tracklets.
+        after: index of the tracklet after the link.
+        other: index of the tracklet after the other link; None: a single link.
+        loss: log likelihood ratio by which the alternative is less likely.
     """
     probability = float(tempered(np.asarray(loss)))
     if probability >= MIN_PROBABILITY:
@@ -282,9 +297,9 @@ def _doubt(parts: Sequence[Boxes], after: int, other: int | None, loss: float) -
 
 
 def _chains(parts: Sequence[Boxes], following: dict[int, int]) -> list[Boxes]:
-    """Return the sequences of linked tracklets as tracks, by first frame.
+    """Return the sequences of linked tracklets as tracks, sorted by first frame.
 
-    `following` is the index of the next tracklet, for those that have one.
+    `following` has the index of the next tracklet, for those that have one.
     """
     continued = set(following.values())
     out = []
@@ -307,10 +322,18 @@ def _one(parts: Iterable[Boxes]) -> Boxes:
 
 
 def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, similarities: Floats, births: float) -> Floats:
-    """Return (n,) log likelihood ratios: tracklets `after` continue tracklet i versus are of new people.
+    """Return (n,) log likelihood ratios of the hypotheses that a tracklet continues tracklet `i`, or is a new person's.
 
-    The person went on along the predicted path, or has stopped or turned in the gap.  `births` is the number of people
-    who appear per second and px^2.
+    The person went on along the predicted path, or has stopped or turned in the gap; appearance and length of the gap
+    count, too.
+
+    Args:
+        ends: smoothed ends of all tracklets.
+        i: index of the first tracklet.
+        after: (n,) indices of the tracklets that may follow.
+        config: settings of the method.
+        similarities: (2, 3) number, sum and sum of squares of appearance similarities of one person and of two people.
+        births: number of people who appear per second and px^2.
     """
     gap = (ends.start[after] - ends.end[i])[:, None]
     mean, cov = ends.last[0][i], ends.last[1][i]
@@ -337,9 +360,9 @@ def link_ratios(ends: Ends, i: int, after: Ints, config: SortConfig, similaritie
 
 
 def _log_t(off: Floats, spread: Floats) -> Floats:
-    """Return (n,) Student-t log densities of differences `off` (n, 3) with variances `spread` (n, 3).
+    """Return (n,) Student t log densities of differences `off` (n, 3) of centre [px] and ln height.
 
-    The third column, the size, counts in the distance only, not in the normalisation.
+    `spread` (n, 3) are the variances. The size counts in the distance only, not in the normalisation.
     """
     distance = (off * off / spread).sum(axis=1)
     return np.asarray(
@@ -348,9 +371,9 @@ def _log_t(off: Floats, spread: Floats) -> Floats:
 
 
 def smoothed_track(track: Boxes, times: Floats, config: SortConfig) -> SmoothedTrack:
-    """Return a smoothed track in all frames from its first to its last box.
+    """Return a track smoothed and interpolated in all frames from its first to its last box.
 
-    `times` (F,) are those of all frames [s].
+    `times` (F,) are the times of the camera's frames [s].
     """
     frames = np.arange(track.frame[0], track.frame[-1] + 1)
     mean, cov = _smoothed(track, times, config, frames)

@@ -59,9 +59,10 @@ TOO_FAR = 50.0
 
 @kernel
 def density_on_segment(x: float, y: float, wx: float, wy: float, variance: float) -> float:
-    """Mean of exp(-|x - u w|^2 / (2 variance)) over u from 0 to 1: a Gaussian smeared along a segment w, 1 at most.
+    """Return the mean of exp(-|x - u w|^2 / (2 variance)) over u from 0 to 1: a Gaussian smeared along a segment w.
 
-    Along w it is a difference of two normal distribution functions, across w a normal density; 0 beyond `TOO_FAR`.
+    The value is at most 1, and 0 beyond `TOO_FAR`. Along w it is a difference of two normal distribution functions,
+    across w a normal density.
 
     Args:
         x: first coordinate of the offset from the beginning of the segment.
@@ -96,7 +97,10 @@ def parents_of(
     width2: tuple[float, float],
     u: Floats,
 ) -> Ints:
-    """Draw the particle before each of M particles.
+    """Draw, for each of M particles of a step, the particle of the step before from which its trajectory comes.
+
+    It is drawn among K candidates and the filter's own parent, with probabilities in proportion to the transition
+    density (formulas in the module docstring); the own parent if all densities are 0.
 
     Args:
         later: (M, 5) states of a step: x, y, direction times speed (2), speed.
@@ -108,7 +112,7 @@ def parents_of(
         candidates: (K,) indices among the L particles, drawn by their weights.
         dt: time between the steps [s], > 0.
         motion: parameters of the motion model.
-        width2: h^2 of the position and of the velocity.
+        width2: squared kernel widths h^2 of position and velocity.
         u: (M,) uniform in [0, 1).
 
     Returns:

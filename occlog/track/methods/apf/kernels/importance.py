@@ -55,10 +55,17 @@ BEARING, PIXEL, RANGE, LOG_RANGE, DIFFERENCE = range(5)
 
 @kernel
 def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, model: DetectionModel) -> Floats:
-    """Return (m, 12) parameters of the scan's measurements, one row each, for the likelihood kernels.
+    """Return (M, 12) parameters of a scan's directions, one row each, for the importance density.
 
-    The factor of a frame assigned to a position is the sum of SCALE times the density of its measurements, plus RIVAL
-    for measurements not of the target; see `occlog.filtering.likelihood.directions`.
+    Columns: kind, measured value, noise, factor (SCALE), position of the sensor (2), cosine and sine of its axis, focal
+    length [px], variances of its position and yaw, and density of false measurements (CLUTTER). The likelihood factor
+    of a sensor's report at a position is the sum of SCALE times the density of each of its measurements, plus CLUTTER.
+
+    Args:
+        scan: packed scan with M measurements.
+        sensors: positions and axes of all sensors.
+        noise: errors of their poses, focal lengths and image widths.
+        model: probabilities of detection and false alarms.
     """
     out = np.empty((scan.value.shape[0], 12))
     for k in range(scan.sensor.shape[0]):
@@ -83,7 +90,7 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: MeasurementNoise, mo
 
 @kernel
 def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """Linearise a range, log range or range difference z, a row of `measurements`, at (x, y).
+    """Linearise a range, log range or range difference at (x, y); `z` (12,) is a row of `measurements`.
 
     Return the residual (measured minus expected), the derivatives of the expected value by x and y, and the variance of
     the reading, > 0.
@@ -101,7 +108,7 @@ def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, flo
 
 @kernel
 def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
-    """Linearise measurement z, a row of `measurements`, at (x, y).
+    """Linearise a measurement at (x, y); `z` (12,) is a row of `measurements`.
 
     Return the residual (measured minus expected), the derivatives of the expected value by x and y, and the variance of
     the residual; -1 as variance where the position is behind the camera or at the sensor.
@@ -126,10 +133,12 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
 
 
 def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tuple[Ints, Floats]:
-    """Return `first` and `rows` with the measurements of distances appended, each as a separate sensor report.
+    """Return the index `first` and the parameters `rows` of a scan with measurements of distances appended.
+
+    Each distance counts as a separate report of a sensor.
 
     Args:
-        first: (K + 1,) as in `adapt`.
+        first: (K + 1,) measurements of report k are rows first[k] to first[k + 1] - 1.
         rows: (M, 12) from `measurements`.
         measured: m measurements of distances.
 
@@ -151,7 +160,11 @@ def with_distances(first: Ints, rows: Floats, measured: RangeMeasurements) -> tu
 
 
 class Laplace(NamedTuple):
-    """Laplace (Gaussian) approximations of n posteriors of position."""
+    """Laplace (Gaussian) approximations N(mode, P) of n posteriors of position, and the predictive likelihoods.
+
+    `root` (n, 3) is (r0, r1, r2) of the upper triangular root of P: x = mode_x + r0 n1 + r1 n2, y = mode_y + r2 n2 for
+    standard normal n1, n2. The log predictive likelihood is `log_volume` + `log_factors`.
+    """
 
     mode: Floats  # (n, 2) m
     root: Floats  # (n, 3) the upper triangle of a root of P: x = m_x + r0 n1 + r1 n2, y = m_y + r2 n2
@@ -161,14 +174,17 @@ class Laplace(NamedTuple):
 
 @kernel
 def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floats) -> Laplace:
-    """Laplace approximations of the posteriors of n particles, each with the prior N(m0, p0 I).
+    """Return Laplace approximations of the posteriors of n particles, each with the prior N(m0, p0 I).
+
+    The mode is found by at most `MAX_STEPS` Gauss-Newton steps, in which each measurement counts by the probability
+    that it is the target's; in the last one those above one half count fully.
 
     Args:
-        mean: (n, 2) m0.
+        mean: (n, 2) m0, expected positions.
         variance: (n,) p0 per axis, > 0.
-        wanted: (n,) those to approximate; the others keep their prior.
+        wanted: (n,) those to approximate; the others keep their prior, with both logarithms 0.
         first: (K + 1,) measurements of report k are rows first[k] to first[k + 1] - 1.
-        rows: (M, 12) from `measurements`.
+        rows: (M, 12) parameters from `measurements`.
     """
     n, packed, count = mean.shape[0], first.shape[0] - 1, rows.shape[0]
     mode, root = mean.copy(), np.zeros((n, 3))
@@ -248,11 +264,11 @@ def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floa
 def draw(
     mean: Floats, variance: Floats, mode: Floats, root: Floats, defensive: float, u: Floats, noise: Floats
 ) -> tuple[Floats, Floats]:
-    """Positions drawn from the importance densities, and the logarithms of prior over importance density.
+    """Draw positions from the importance densities, and return them with the log ratios of prior to importance density.
 
     Args:
-        mean: (n, 2) m0.
-        variance: (n,) p0 per axis.
+        mean: (n, 2) m0, means of the priors.
+        variance: (n,) p0 per axis, variances of the priors.
         mode: (n, 2) m, from `adapt`.
         root: (n, 3) root of P, from `adapt`.
         defensive: share e that is drawn from N(m0, p0 I), 0 to 1.
@@ -260,7 +276,7 @@ def draw(
         noise: (n, 2) standard normal.
 
     Returns:
-        (n, 2) positions and (n,) log N(x; m0, p0 I) - log q(x).
+        (n, 2) positions x and (n,) log N(x; m0, p0 I) - log q(x).
     """
     n = mean.shape[0]
     positions, ratio = np.empty((n, 2)), np.empty(n)

@@ -40,7 +40,11 @@ MIN_BEARINGS = 3
 
 
 class PoseErrorBelief(NamedTuple):
-    """Gaussian over the pose errors (true minus stated) of S sensors, and how noisy bearings turned out to be."""
+    """Gaussian over the pose errors (true minus stated; dx, dy, dyaw [rad]) of S sensors, and statistics of the fit.
+
+    `excess` over `counted` is the mean squared normalised residual of the bearings so far; `log_odds` compares constant
+    errors with errors drawn independently at every scan, as [Ercan] Eq. 2 has them.
+    """
 
     mean: Floats  # (S, 3) dx, dy, dyaw [rad]
     covariance: Floats  # (3 S, 3 S), rows in the order of mean.ravel()
@@ -51,12 +55,15 @@ class PoseErrorBelief(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Return the ratio of the bearing variance to its stated value, at least 1."""
+        """Return the factor, at least 1, by which the variance of bearings exceeds its stated value.
+
+        It starts at 1 with the weight of `PRIOR_COUNT` residuals, and is learned from the residuals.
+        """
         return max(1.0, (PRIOR_COUNT + self.excess) / (PRIOR_COUNT + self.counted))
 
     @property
     def blocks(self) -> Floats:
-        """Return the (S, 3, 3) covariance of each sensor's own pose error."""
+        """Return the (S, 3, 3) covariance of each sensor's own error (dx, dy, dyaw [rad])."""
         S = len(self.mean)
         index = np.arange(S)
         return np.asarray(self.covariance.reshape(S, 3, S, 3)[index, :, index, :])
@@ -71,11 +78,11 @@ class LabelledBearings(NamedTuple):
 
 
 def prior_belief(sigma_position: Floats, sigma_yaw: Floats) -> PoseErrorBelief:
-    """The belief before any bearing: independent errors of mean 0.
+    """Return the belief about the pose errors of S sensors before any bearing: independent, of mean 0.
 
     Args:
-        sigma_position: (S,) standard deviation per axis.
-        sigma_yaw: (S,) standard deviations of the yaw [rad].
+        sigma_position: (S,) standard deviation of the position per axis.
+        sigma_yaw: (S,) standard deviation of the yaw [rad].
     """
     sigma = np.column_stack([sigma_position, sigma_position, sigma_yaw])
     variance = sigma.ravel() ** 2
@@ -85,11 +92,11 @@ def prior_belief(sigma_position: Floats, sigma_yaw: Floats) -> PoseErrorBelief:
 
 
 def jacobians(xy: Floats, positions: Floats) -> tuple[Floats, Floats]:
-    """(n, 2) and (n, 3): derivatives of bearings [rad] by the target's position, and by each sensor's dx, dy, dyaw.
+    """Return derivatives of n bearings [rad] by the target's position (n, 2), and by each sensor's dx, dy, dyaw (n, 3).
 
     Args:
-        xy: (2,) the target.
-        positions: (n, 2) the sensors.
+        xy: (2,) position of the target.
+        positions: (n, 2) positions of the sensors; none may be at the target.
     """
     away = xy - positions
     r2 = np.einsum("ij,ij->i", away, away)
@@ -98,7 +105,7 @@ def jacobians(xy: Floats, positions: Floats) -> tuple[Floats, Floats]:
 
 
 def residuals(xy: Floats, sights: LabelledBearings, positions: Floats, mean: Floats) -> Floats:
-    """(n,) reported minus expected bearings in [-pi, pi), for given pose errors.
+    """Return (n,) measured minus expected bearings in [-pi, pi), for given pose errors.
 
     Args:
         xy: (2,) position of the target.
@@ -113,20 +120,30 @@ def residuals(xy: Floats, sights: LabelledBearings, positions: Floats, mean: Flo
 
 
 def spread(xy: Floats, which: Ints, positions: Floats, belief: PoseErrorBelief) -> Floats:
-    """(n,) variance [rad^2] of bearings to `xy` (2,) that comes from the pose errors of sensors `which` (n,): J C J^T.
+    """Return (n,) variances [rad^2] of bearings to a target that come from the pose errors of the sensors: J C J^T.
 
-    This is [Ercan] Eq. 2's calibration part for any covariance, in angles. `positions` are those stated of all S
-    sensors.
+    This is the calibration part of [Ercan] Eq. 2 for any covariance C, in angles.
+
+    Args:
+        xy: (2,) position of the target.
+        which: (n,) index of each bearing's sensor.
+        positions: (S, 2) stated positions of all sensors.
+        belief: Gaussian over the pose errors.
     """
     by_error = jacobians(xy, positions[which])[1]
     return np.asarray(np.einsum("ni,nij,nj->n", by_error, belief.blocks[which], by_error))
 
 
 def intersection_point(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> Floats | None:
-    """(2,) position that agrees best with the bearings, by Gauss-Newton from `start` (2,); None if none is near it.
+    """Return the position (2,) that agrees best with bearings, by Gauss-Newton from `start`; None if there is none.
 
-    It must be in front of every sensor and not much nearer to one of them than to the others. `positions` (S, 2) are
-    the stated ones, `mean` (S, 3) the errors dx, dy, dyaw [rad] by which they are corrected.
+    It must be in front of every sensor and not much nearer to one of them than to the others.
+
+    Args:
+        sights: bearings of one time.
+        positions: (S, 2) stated positions of the sensors.
+        mean: (S, 3) errors dx, dy, dyaw [rad] by which the poses are corrected.
+        start: (2,) first guess.
     """
     root = 1.0 / np.sqrt(sights.variance)
     centres = positions[sights.sensor] + mean[sights.sensor, :2]
@@ -150,11 +167,14 @@ def intersection_point(sights: LabelledBearings, positions: Floats, mean: Floats
 
 
 def evidence(sights: LabelledBearings, positions: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
-    """What bearings say about errors, whatever the target's position: y = G (e - mean) + unit noise.
+    """Return a linear measurement of the pose errors e by bearings of one time, for any target position: y and G.
+
+    y = G (e - mean) + noise of unit variance. The part of the residuals that a shift of the target could explain is
+    projected away.
 
     Args:
         sights: n bearings.
-        positions: (S, 2) stated positions.
+        positions: (S, 2) stated positions of the sensors.
         mean: (S, 3) errors to linearise at.
         start: (2,) roughly where the target is.
 
@@ -177,11 +197,11 @@ def evidence(sights: LabelledBearings, positions: Floats, mean: Floats, start: F
 
 
 def update(belief: PoseErrorBelief, sights: LabelledBearings, positions: Floats, start: Floats) -> PoseErrorBelief:
-    """The belief after the bearings of one scan; unchanged where they say nothing or are not to be accepted.
+    """Return the belief about pose errors after the bearings of one scan.
 
-    An extended Kalman update with `evidence`, and the odds of the two models by how well they
-    predicted it.  The variance is raised by `PoseErrorBelief.scale`, so that noise which is in neither
-    model is not taken for knowledge.
+    It is an extended Kalman update with `evidence`, and an update of the log-odds by how well constant and independent
+    errors predicted it. The noise variance is raised by `PoseErrorBelief.scale`. The belief is unchanged with fewer
+    than three bearings, and where they do not meet or fail a chi-square test.
 
     Args:
         belief: belief before the scan.
@@ -231,15 +251,15 @@ def solve(
     starts: Floats,
     rounds: int = MAX_ITERATIONS,
 ) -> PoseErrorBelief:
-    """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
+    """Return the belief about pose errors after many scans at once, by Gauss-Newton with the trajectory eliminated.
 
-    Every position of the trajectory is free (flat prior); errors have `belief` as their prior.
-    Scans are linearised again in every round, and those with bearings that cannot be the target's are omitted.
+    Every position of the trajectory is free (flat prior); errors have `belief` as their prior. Scans are linearised
+    again in every round, and those with bearings that cannot be the target's are left out.
 
     Args:
         belief: prior, of mean 0 and independent errors (`prior_belief`).
-        scans: T scans.
-        positions: (S, 2) stated positions.
+        scans: bearings of T scans.
+        positions: (S, 2) stated positions of the sensors.
         starts: (T, 2) roughly where the target was.
         rounds: largest number of Gauss-Newton iterations.
     """

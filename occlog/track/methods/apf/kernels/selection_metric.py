@@ -32,7 +32,10 @@ OCCLUDER_SUPPORT_SIGMAS = 3.5
 
 
 class CameraMoments(NamedTuple):
-    """Covariances of target position and measurements of N cameras, from which the metric is computed."""
+    """Covariances of the target position and the measurements of N cameras ([Ercan] Sec. 5), and P(camera sees target).
+
+    The sets of cameras to select are compared by the mean square error computed from them.
+    """
 
     x: Floats  # (2, 2) Sigma_x
     zx: Floats  # (N, 2) Sigma_Zx
@@ -41,9 +44,9 @@ class CameraMoments(NamedTuple):
 
 
 def views(xy: Floats, cameras: Sequence[int], sensors: Sensors) -> Bools:
-    """Return (N, L) booleans: each of `cameras` (N rows of `sensors`) has a free view of each position in `xy` (L, 2).
+    """Return (N, L) booleans: whether each of N cameras has a free view of each position in `xy` (L, 2).
 
-    The position is within its field of view and range, and no static obstacle is between.
+    A free view means within field of view and range, with no static obstacle between. `cameras` are rows of `sensors`.
     """
     return np.array([seen_from(xy, i, sensors) for i in cameras]).reshape(len(cameras), len(xy))
 
@@ -58,15 +61,15 @@ def joint_visibility(
     hit: Floats,
     hiding: int = IMPROVED,
 ) -> Floats:
-    """(N, N) P{eta_i = 1, eta_j = 1}, on the diagonal P{eta_i = 1}; by Eq. 8.
+    """Return (N, N) probabilities that two cameras both detect the target, on the diagonal that one does: Eq. 8.
 
     Args:
         xy: (L, 2) positions of the particles.
-        weights: (L,) weights of the particles.
+        weights: (L,) weights of the particles, sum 1.
         cameras: N rows of the sensors.
         sensors: positions, fields of view and walls of all S sensors.
-        inside: (N, L) from `views`.
-        priors: of the moving occluders; empty: none hides the target.
+        inside: (N, L) whether a camera has a free view of a particle, from `views`.
+        priors: position priors of the moving occluders; empty: none hides the target.
         hit: (N,) probabilities that a camera detects a target in plain view.
         hiding: form of the probability that one occluder hides the target, of
             `occlog.core.occlusion.occlusion_probability`.
@@ -85,6 +88,16 @@ def joint_visibility(
 
 @array_kernel
 def _together(q: Floats, inside: Bools, weights: Floats) -> Floats:
+    """Return (N, N) probabilities that neither of two cameras is blocked by any occluder, over weighted particles.
+
+    On the diagonal it is the probability for one camera. In a pair an occluder is taken to block at most one of the two
+    ([Ercan] Eq. 8).
+
+    Args:
+        q: (N, M, L) probability that an occluder blocks the view of a camera to a particle.
+        inside: (N, L) whether a camera has a free view of a particle, apart from the occluders.
+        weights: (L,) weights of the particles, sum 1.
+    """
     N, M, L = q.shape
     out = np.empty((N, N))
     clear = np.empty(L)
@@ -113,7 +126,7 @@ def perspective_moments(
     inside: Bools,
     together: Floats,
 ) -> CameraMoments:
-    """Moments of the perspective model, Eqs. 10-13.
+    """Return the moments of N cameras with the perspective model, [Ercan] Eqs. 10-13.
 
     Args:
         xy: (L, 2) positions of the particles.
@@ -121,9 +134,9 @@ def perspective_moments(
         cameras: N rows of the sensors.
         sensors: positions, fields of view and walls of all S sensors.
         noise: errors of the poses and focal lengths of the S sensors.
-        read_px: (S,) read noise of the sensors [px].
-        inside: (N, L) from `views`.
-        together: (N, N) from `joint_visibility`.
+        read_px: (S,) reading noise of the sensors [px].
+        inside: (N, L) whether a camera has a free view of a particle, from `views`.
+        together: (N, N) detection probabilities of pairs of cameras, from `joint_visibility`.
     """
     N, rows = len(cameras), np.asarray(cameras, dtype=np.int64)
     away, cov = _centred(xy, weights)
@@ -159,9 +172,18 @@ def weak_moments(
     read_px: Floats,
     together: Floats,
 ) -> CameraMoments:
-    """Moments of the weak perspective model, Eqs. 14-16; see `perspective_moments` for the arguments.
+    """Return the moments of N cameras with the weak perspective model, [Ercan] Eqs. 14-16.
 
-    A camera that has the mean of the particles behind it does not count.
+    A camera that has the mean of the particles behind it does not count (its probability of detection is 0).
+
+    Args:
+        xy: (L, 2) positions of the particles.
+        weights: (L,) weights of the particles, sum 1.
+        cameras: N rows of the sensors.
+        sensors: positions and axes of all S sensors.
+        noise: errors of the poses and focal lengths of the S sensors.
+        read_px: (S,) reading noise of the sensors [px].
+        together: (N, N) detection probabilities of pairs of cameras, from `joint_visibility`.
     """
     rows = np.asarray(cameras, dtype=np.int64)
     _, cov = _centred(xy, weights)
@@ -177,15 +199,20 @@ def weak_moments(
 
 
 def _centred(xy: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Return (L, 2) deviations of positions `xy` from their weighted mean, and their (2, 2) covariance."""
     away = xy - weights @ xy
     return away, (away * weights[:, None]).T @ away
 
 
 def mean_square_errors(moments: CameraMoments, subsets: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> Floats:
-    """(n,) metric of n subsets of the N cameras, between 0 and Tr(Sigma_x); `subsets` (n, k) has indices into them.
+    """Return (n,) mean square errors of the best linear position estimate from n subsets of N cameras, [Ercan] Sec. 5.
 
-    Cameras that cannot see the target add nothing, and neither do directions in which
-    Sigma_Z is not positive (its terms are expectations over different particles).
+    They lie between 0 and Tr(Sigma_x). Cameras that cannot see the target add nothing, and neither do directions in
+    which Sigma_Z is not positive (its terms are expectations over different particles).
+
+    Args:
+        moments: covariances of position and measurements of the N cameras.
+        subsets: (n, k) indices of the cameras of each subset.
     """
     whole = float(np.trace(moments.x))
     if subsets.shape[1] == 0:

@@ -19,7 +19,7 @@ STARTS = {"detections": 0.2, "both": 0.2}
 
 @dataclass(frozen=True)
 class GroundConfig(Settings):
-    """Settings of `ground`; lengths in the scene's unit."""
+    """Settings of `occlog ground`, which triangulates image tracks to world positions; lengths in the scene's unit."""
 
     OWNER: ClassVar[str] = "ground"
 
@@ -99,7 +99,11 @@ class GroundConfig(Settings):
 
 
 def in_scene(config: GroundConfig, scene: Scene) -> GroundConfig:
-    """Fill in the settings that depend on the scene's length unit; an unknown unit has no height."""
+    """Return the settings with the height prior filled in where it is None, in the scene's length unit.
+
+    The target height defaults to 0.9 m and its standard deviation to 0.1 m, converted to that unit. In an unknown unit
+    the height is 0 (no positions from single views) and the deviation 1, or a tenth of a height that was given.
+    """
     metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else None
     height, sigma = config.target_height, config.sigma_target_height
     if height is None:

@@ -54,9 +54,10 @@ def run_ground(request: GroundRequest, job: Job) -> tuple[dict[str, object], tup
 
 
 def _as_tracked(made: Provenance) -> dict[str, object]:
-    """Return settings of `ground` that follow from how the view tracks were made.
+    """Return the settings of `ground` that follow from how the view tracks were made (their provenance).
 
-    `window_s` is 0 and so is `initial_switch_probability` if their parameters do not state it.
+    `window_s` is the tracker's time window (its parameter `window_ns`), `initial_switch_probability` that of `STARTS`
+    for the origin of the trackers (its parameter `births`). Each is 0 where the parameter is missing.
     """
     window, births = made.parameters.get("window_ns", 0), made.parameters.get("births", "")
     return {
@@ -66,7 +67,11 @@ def _as_tracked(made: Provenance) -> dict[str, object]:
 
 
 class GroundSummary:
-    """Counts of `occlog ground`, added up part by part, and the figures of the summary made of them."""
+    """Counts of one run of `occlog ground`, from which the figures of its summary are made.
+
+    `counts`: the sum of the counters of all parts, with the keys of `GroundTracksPart.counts`. `targets`: identities
+    with a position, as the keys of a dict. `verdict`: quality flags and residuals, for warnings.
+    """
 
     def __init__(self) -> None:
         """Start with all counts at 0."""
@@ -75,13 +80,16 @@ class GroundSummary:
         self.verdict = GroundConsistency()
 
     def add(self, part: GroundTracksPart) -> None:
-        """Add the counts of one part."""
+        """Add a part, the positions of some time steps with their counts, to the sums."""
         self.verdict.add(part)
         self.counts.update(part.counts)
         self.targets.update(dict.fromkeys(part.tracks.target_id.tolist()))
 
     def check(self, where: str) -> None:
-        """Raise InputError if no target has a position at any time; `where` names the input in the message."""
+        """Raise InputError if there was no row of the cameras in use, or no target has a position at any time.
+
+        `where` names the input in the message.
+        """
         if not self.counts["times"]:
             raise InputError(
                 f"{where}: has no rows of these cameras, so that no position can be triangulated; choose others",
@@ -95,19 +103,25 @@ class GroundSummary:
             )
 
     def _why(self) -> str:
-        """Return the reasons for times without a position, with their counts."""
+        """Return as text why target times have no position, with counts: "single view 3, parallel 2"."""
         return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self._not_triangulated().items() if n)
 
     def _not_triangulated(self) -> dict[str, int]:
-        """Return the number of times without a position, by reason."""
+        """Return the number of target times without a position, by reason.
+
+        The keys are `single_view`, `parallel` (lines of sight nearly parallel), `behind` (a camera) and `inconsistent`
+        (views contradict each other).
+        """
         return {name: self.counts[name] for name in ("single_view", "parallel", "behind", "inconsistent")}
 
     def summary(self) -> dict[str, object]:
-        """Return the figures of the summary.
+        """Return the figures of the summary by name.
 
-        targets: identities.  times: of targets with a tracker in some view.  rows: positions.  views: positions by the
-        number of views that made them.  skipped: views that did not agree with the others.  not_triangulated: times
-        without a position, by reason.  The rest is of `GroundConsistency`.
+        `targets`: sorted identities with a position. `times`: pairs of target and time with a tracker in some view.
+        `rows`: positions. `views`: positions by the number of views used. `skipped`: views left out of positions
+        because they did not agree with the others. `not_triangulated`: target times without a position, by reason. In
+        addition those of `GroundConsistency.figures`: rows by quality flag, targets of a single view and the mean
+        squared residual.
         """
         views = {k.removeprefix("views_"): n for k, n in sorted(self.counts.items()) if k.startswith("views_")}
         return {

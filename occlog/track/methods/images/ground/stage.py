@@ -53,7 +53,11 @@ MAX_GAP_S = 1.0
 
 
 class LastGroundState(NamedTuple):
-    """When a target had its last row, and its exchange probability then."""
+    """State of a target after its last row: its time, the switch probability then, and whether several views showed it.
+
+    `exchanged` is the probability that its identity has been exchanged with another target's; `together` is true once
+    several views have shown it at one time.
+    """
 
     t_ns: int
     exchanged: float  # probability
@@ -61,13 +65,18 @@ class LastGroundState(NamedTuple):
 
 
 class SwitchProbabilities:
-    """Running probabilities that each target's identity was exchanged with another's."""
+    """Running probabilities that each target's identity was exchanged with another's.
+
+    In s seconds during which a target's views contradict each other with probability c, its probability p grows to 1 -
+    (1 - p) exp(-rate c s). While a single view shows a target that several have shown before, a fixed factor takes the
+    place of c. Probabilities never decrease.
+    """
 
     def __init__(self, rate: float, alone: float, start: float) -> None:
         """Start without targets.
 
         Args:
-            rate: of exchanges where views contradict each other [1/s].
+            rate: rate of identity exchanges where views contradict each other [1/s].
             alone: share of it where one view alone shows a target that several have shown before.
             start: probability that the trackers of a target begin on different ones.
         """
@@ -75,13 +84,16 @@ class SwitchProbabilities:
         self._known: dict[int, LastGroundState] = {}
 
     def update(self, t_ns: int, targets: Ints, contested: Floats, views: Ints) -> Floats:
-        """Return (K,) probabilities that the targets of one time step have exchanged identities.
+        """Advance the targets of one time step, and return (K,) probabilities that their identities were exchanged.
+
+        The state is changed in place. A contradiction below `MIN_CONTRADICTION_PROBABILITY` counts as none, and more
+        than `MAX_GAP_S` since a target's last row counts as `MAX_GAP_S`.
 
         Args:
-            t_ns: the time.
+            t_ns: the time [ns].
             targets: (K,) identities, each once.
-            contested: (K,) probability that a view is on something else.
-            views: (K,) number of views that show them.
+            contested: (K,) probability that one of a target's views is on something else.
+            views: (K,) number of views that show each target.
         """
         out = np.zeros(len(targets))
         rows = zip(targets.tolist(), contested.tolist(), views.tolist(), strict=True)
@@ -97,12 +109,14 @@ class SwitchProbabilities:
 
 
 def spread_over_others(xyz: Floats, covariance: Floats, exchanged: Floats) -> Floats:
-    """Return (K, 3, 3) second moments about positions, widened for possible identity exchanges.
+    """Return (K, 3, 3) covariances widened for the chance that a target is at the position of another one.
+
+    The sum of the covariance and p times the mean outer product of the differences to the other K - 1 positions.
 
     Args:
-        xyz: (K, 3) positions.
-        covariance: (K, 3, 3) of them.
-        exchanged: (K,) probability that a target is at one of the other positions, each as likely.
+        xyz: (K, 3) positions of the targets at one time, in the world.
+        covariance: (K, 3, 3) of the positions without exchanges.
+        exchanged: (K,) probability p that a target is at one of the other positions, each as likely.
     """
     off = xyz[None, :, :] - xyz[:, None, :]
     spread = np.einsum("kni,knj->kij", off, off) / max(len(xyz) - 1, 1)
@@ -119,10 +133,11 @@ MIN_SWITCH_PROBABILITY = 0.25
 
 
 class GroundTracksPart(NamedTuple):
-    """Tracks of some times, and their counts.
+    """Triangulated tracks of some time steps, with counts and the sum of their squared residuals.
 
-    `counts` has `times`, at which a target has a tracker; `views_N`, positions by N views; `skipped`,
-    views that did not agree with the others; and the reasons of `WHY` for times without a position.
+    `counts` has `times`, pairs of target and time with a tracker; `views_N`, positions from N views; `skipped`, views
+    that did not agree with the others; and, by the names in `WHY`, target times without a position. `nis` is the sum of
+    the squared standardised residuals of positions from several views, `freedom` its degrees of freedom.
     """
 
     tracks: FusedTracks
@@ -134,12 +149,13 @@ class GroundTracksPart(NamedTuple):
 def ground_tracks(
     chunks: Iterable[ViewTracks], scene: Scene, config: GroundConfig | None = None, cameras: Sequence[str] = ()
 ) -> Iterator[GroundTracksPart]:
-    """Generate triangulated tracks; positions use one time step each, covariances also the earlier ones.
+    """Generate world positions with covariances, triangulated from image tracks, some time steps at a time.
 
-    The result does not depend on the division into chunks.
+    Positions use one time step each; covariances also the possible identity exchanges at earlier ones. The result does
+    not depend on the division into chunks.
 
     Args:
-        chunks: in the order of time; rows in which a tracker has left or lost its target are not used.
+        chunks: view tracks in the order of time; rows in which a tracker has left or lost its target are not used.
         scene: with the poses and lenses of the cameras.
         config: settings; None: the defaults.
         cameras: use only these; none: all that have rows.
@@ -170,7 +186,7 @@ def ground_tracks(
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
-    """Return (R,) booleans: the row is of a selected camera (all, if none is selected), its tracker on its target."""
+    """Return (R,) booleans: the row is of a camera in `cameras` (empty: any), and its tracker has not left or ended."""
     wanted = ~np.isin(chunk.lifecycle, ("left", "terminated"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
@@ -199,9 +215,10 @@ def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int
 
 
 def _starts(table: ViewTracks, window_ns: int) -> Ints:
-    """Return the first row of each time step, for rows in the order of time.
+    """Return the indices of the rows at which time steps begin, for rows in the order of time.
 
     A time step has the rows within `window_ns` of its first time; it ends sooner where a camera would appear twice.
+    With a window of 0 or less each distinct time is a step.
     """
     times, first = np.unique(table.t_ns, return_index=True)
     if window_ns <= 0:
@@ -219,9 +236,14 @@ def _starts(table: ViewTracks, window_ns: int) -> Ints:
 def _part(
     table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig, exchanges: SwitchProbabilities
 ) -> GroundTracksPart:
-    """Triangulate all targets at the time steps that begin at rows `starts` (of `table`), each at its step's last time.
+    """Triangulate all targets at the time steps that begin at rows `starts` of `table`, each at its step's last time.
 
-    `exchanges` is updated with the contradictions of the views.
+    Args:
+        table: R rows of view tracks in the order of time; empty: an empty part.
+        starts: (S,) index of the first row of each time step, increasing from 0.
+        scene: scene with the poses of the cameras.
+        config: settings, with the height filled in (`in_scene`).
+        exchanges: probabilities of identity exchange so far; updated in place, time step by time step.
     """
     if not len(table):
         return GroundTracksPart(FusedTracks.empty(), Counter(), 0.0, 0)
@@ -260,7 +282,10 @@ def _part(
 
 
 def _agreement(config: GroundConfig) -> float:
-    """Return the variance of the residuals of views on the same target, relative to the stated variance."""
+    """Return the variance of the residuals of views on the same target, as a share (at most 1) of the variance stated.
+
+    It is the squared ratio of `common_error_share` to `centre_error_share`; 1 if the latter is 0.
+    """
     return (
         min(1.0, (config.common_error_share / config.centre_error_share) ** 2)
         if config.centre_error_share > 0.0
@@ -269,7 +294,10 @@ def _agreement(config: GroundConfig) -> float:
 
 
 def _areas(cameras: Sequence[Camera]) -> Floats:
-    """Return (V,) image areas [px^2]; where the size is unknown, the principal point is taken as the centre."""
+    """Return (V,) image areas of the cameras [px^2], at least 1.
+
+    Where the image size is unknown, it is taken as twice the principal point's coordinates.
+    """
     sizes = [c.image_size or (2.0 * c.principal_px[0], 2.0 * c.principal_px[1]) for c in cameras]
     return np.array([max(float(w * h), 1.0) for w, h in sizes])
 
@@ -282,15 +310,17 @@ def _possible_identity_switches(
     contest: ViewContradictions,
     sights: CentresInViews,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) covariances that include possible identity exchanges, and (N,) the probabilities of these.
+    """Return (N, 3, 3) covariances widened for possible identity exchanges, and (N,) probabilities of these.
+
+    Points without a position keep their covariance, NaN.
 
     Args:
-        exchanges: updated, time step by time step.
-        keys: (N, 2) time step and target of each position, sorted.
+        exchanges: running probabilities; updated in place, time step by time step.
+        keys: (N, 2) time step and target of each point, sorted.
         t_ns: (N,) times.
-        met: N positions.
-        contest: their covariances without exchanges, and how probably the views contradict each other.
-        sights: centres in V views.
+        met: triangulated positions of the N points.
+        contest: their covariances without exchanges, and the probabilities that views contradict each other.
+        sights: image centres of the N points in V views.
     """
     covariance, exchanged = contest.covariance.copy(), np.zeros(len(keys))
     views = sights.there.sum(axis=1)
@@ -302,7 +332,7 @@ def _possible_identity_switches(
 
 
 def _rig(cameras: Sequence[Camera]) -> CameraRig:
-    """Return the parameters of V cameras as arrays."""
+    """Return the parameters of V cameras as arrays: focal lengths, principal points, rotations and positions."""
     return CameraRig(
         focal=np.array([c.focal_px for c in cameras]),
         principal=np.array([c.principal_px for c in cameras]),
@@ -314,13 +344,15 @@ def _rig(cameras: Sequence[Camera]) -> CameraRig:
 def _sights(
     table: ViewTracks, point: Ints, view: Ints, points: int, cameras: Sequence[Camera], model_share: float
 ) -> CentresInViews:
-    """Return undistorted image centres (N, V, 2) of N points in V views, and their covariances (N, V, 2, 2).
+    """Return undistorted image centres (N, V, 2) of N points in V views, and their covariances (N, V, 2, 2) [px^2].
 
-    Each covariance is the tracker's plus that of the target's centre about the ellipse's centre.
+    A point is a target at a time step. Each covariance is the tracker's plus that of the target's centre about the
+    ellipse's centre, carried through the undistortion. A view without a row of the point, or with a centre that cannot
+    be undistorted, is marked as not showing it.
 
     Args:
         table: R rows of view tracks.
-        point: (R,) index of each row's point.
+        point: (R,) index of each row's point, 0 to N - 1.
         view: (R,) index of each row's camera.
         points: N.
         cameras: V cameras.
@@ -342,13 +374,19 @@ def _sights(
 
 
 def _covariances(table: ViewTracks) -> Floats:
-    """Return (R, 2, 2) covariances of the ellipse centres [px^2], plus (0.01 px)^2 so that none is singular."""
+    """Return (R, 2, 2) covariances of the ellipse centres of view tracks [px^2], plus (0.01 px)^2 on the diagonal.
+
+    The addition keeps them from being singular.
+    """
     xx, xy, yy = table.cov_xx_px, table.cov_xy_px, table.cov_yy_px
     return np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2) + 1e-4 * np.eye(2)
 
 
 def _shapes(table: ViewTracks) -> Floats:
-    """Return (R, 2, 2) shape matrices of the ellipses: squared half axes [px^2] rotated by their angles."""
+    """Return (R, 2, 2) shape matrices R diag(a^2, b^2) R^T of the ellipses of view tracks [px^2].
+
+    a and b are the half axes, and R turns by the angle rho of axis a.
+    """
     c, s = np.cos(table.rho), np.sin(table.rho)
     a2, b2 = table.a_px**2, table.b_px**2
     xy = c * s * (a2 - b2)
@@ -356,7 +394,11 @@ def _shapes(table: ViewTracks) -> Floats:
 
 
 def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
-    """Return (R, 2) undistorted centres and their (R, 2, 2) derivatives with respect to the recorded centres."""
+    """Return (R, 2) undistorted pixels of recorded `centres` (R, 2), and the (R, 2, 2) Jacobians of this mapping.
+
+    [r, i, j] is the derivative of undistorted coordinate i with respect to recorded coordinate j, by central
+    differences over one pixel; the identity for a camera without distortion. NaN where a pixel cannot be undistorted.
+    """
     ideal = ideal_pixels_anywhere(camera, centres)
     if camera.straight:
         return ideal, np.broadcast_to(np.eye(2), (len(centres), 2, 2))
@@ -369,14 +411,15 @@ def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
 
 
 def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str], doubts: Bools) -> FusedTracks:
-    """Return output rows of the triangulated positions; velocities are unknown.
+    """Return output rows of the points with a position, in the order given; velocities are NaN (unknown).
 
     Args:
-        met: N positions.
-        t_ns: (N,) times of the positions.
+        met: positions and covariances of N points.
+        t_ns: (N,) times.
         target: (N,) identities of the targets.
-        names: names of the V views.
-        doubts: (N, 3) whether each of the doubts is there.
+        names: names of the V views, for the column `seen_by`.
+        doubts: (N, 3) quality flags: from a single view, from views that contradict each other, identity possibly
+            switched.
     """
     good = np.flatnonzero(met.status == MET)
     nan = np.full(len(good), np.nan)
@@ -398,12 +441,16 @@ def _tracks(met: GroundPosition, t_ns: Ints, target: Ints, names: Sequence[str],
 
 
 def _joined(mask: Bools, words: Sequence[str]) -> Strings:
-    """Return (N,) strings with the words of the True columns of a mask (N, W), comma-separated."""
+    """Return (N,) strings: for each row of `mask` (N, W) the words of its True columns, comma-separated."""
     return np.array([",".join(w for w, has in zip(words, row, strict=True) if has) for row in mask.tolist()], np.str_)
 
 
 def _counts(met: GroundPosition, sights: CentresInViews) -> Counter[str]:
-    """Return the counts of N points, with the keys that `GroundTracksPart` explains."""
+    """Return the counts of N points, pairs of target and time, by name.
+
+    `times`: N. `views_K`: positions from K views. `skipped`: views that show a point with a position and were not used.
+    `single_view`, `parallel`, `behind`, `inconsistent`: points without a position, by reason.
+    """
     good = met.status == MET
     counts: Counter[str] = Counter(times=len(good))
     for views in met.used.sum(axis=1)[good].tolist():
@@ -429,7 +476,11 @@ FLAGS = {
 
 
 class GroundConsistency:
-    """Counts of quality flags and of squared residuals over a stream of parts, and the findings about them."""
+    """Counts of quality flags and sums of squared residuals over the parts of a run, and the findings about them.
+
+    It counts rows by flag, rows of each target, rows of each target from a single view, and adds up the squared
+    standardised residuals with their degrees of freedom.
+    """
 
     def __init__(self) -> None:
         """Start with all counts at 0."""
@@ -439,7 +490,7 @@ class GroundConsistency:
         self._nis, self._freedom = 0.0, 0
 
     def add(self, part: GroundTracksPart) -> None:
-        """Add the rows of a part to the counts."""
+        """Add the rows of a part: quality flags by target, squared residuals and their degrees of freedom."""
         self._nis += part.nis
         self._freedom += part.freedom
         for target, doubt in zip(part.tracks.target_id.tolist(), part.tracks.quality_flags.tolist(), strict=True):
@@ -449,7 +500,12 @@ class GroundConsistency:
             self._alone[target] += SINGLE_VIEW in words
 
     def figures(self) -> dict[str, object]:
-        """Return row counts by flag, the targets that one view supports, and the mean squared standardised residual."""
+        """Return figures for the summary by name.
+
+        `quality_flags`: rows by flag, without flags that no row has. `single_view_targets`: identities in more than 90
+        % of the rows from a single view. `nis_per_freedom`: mean squared standardised residual, 1 if covariances are
+        right; only with positions from several views.
+        """
         return {
             "quality_flags": {word: self._doubts[word] for word in FLAGS if self._doubts[word]},
             "single_view_targets": self._one_view(),
@@ -457,9 +513,10 @@ class GroundConsistency:
         }
 
     def findings(self, check: str) -> tuple[Check, ...]:
-        """Return the findings about positions with quality flags, from single views, or with large residuals.
+        """Return the findings of the check named `check`, empty if all is well.
 
-        `check` is the name of the check that they belong to.
+        There is one for each quality flag of more than `MIN_FLAGGED_SHARE` of the rows, one for targets that a single
+        view supports, and one for squared residuals above `MAX_NIS_RATIO` times their degrees of freedom.
         """
         total = sum(self._rows.values())
         found = [
@@ -474,7 +531,7 @@ class GroundConsistency:
         return tuple(found)
 
     def _one_view(self) -> list[int]:
-        """Return targets with a single view in more than `MIN_SINGLE_VIEW_SHARE` of their rows."""
+        """Return the sorted identities of targets with a single view in more than 90 % of their rows."""
         return [
             target for target, rows in sorted(self._rows.items()) if self._alone[target] > MIN_SINGLE_VIEW_SHARE * rows
         ]

@@ -53,7 +53,11 @@ class CameraRig(NamedTuple):
 
 
 class CentresInViews(NamedTuple):
-    """Image positions [px] of N points in V views, with covariances."""
+    """Undistorted image positions [px] of N points in V views, with covariances.
+
+    `there` (N, V): whether the view shows the point; elsewhere `pixels` (N, V, 2) and the positive definite
+    `covariance` (N, V, 2, 2) [px^2] may be anything finite.
+    """
 
     there: Bools  # (N, V) whether the view shows the point; without it the other fields may be anything finite
     pixels: Floats  # (N, V, 2)
@@ -65,14 +69,22 @@ class CentresInViews(NamedTuple):
 
 
 class TargetHeightPrior(NamedTuple):
-    """Gaussian prior on the height z of a point that is visible in a single view."""
+    """Gaussian prior on the height z of a point that is visible in a single view: mean and standard deviation.
+
+    Both are in the scene's length unit.
+    """
 
     mean: float
     sigma: float
 
 
 class GroundPosition(NamedTuple):
-    """Triangulated positions of N points; NaN where `status` is not MET."""
+    """Triangulated positions of N points in the world, with covariance, status, views used and misfit.
+
+    `status` is an index in `STATUS`: `MET` with a position, else the reason why there is none, and then the position
+    and its covariance are NaN. `misfit` is the sum of squared standardised residuals, chi-square with 2 views - 3
+    degrees of freedom.
+    """
 
     xyz: Floats  # (N, 3)
     covariance: Floats  # (N, 3, 3)
@@ -82,7 +94,11 @@ class GroundPosition(NamedTuple):
 
 
 class LeastSquares(NamedTuple):
-    """Weighted least squares for the positions of N points."""
+    """Weighted least-squares problem of the positions of N points, seen by V cameras.
+
+    The image centres with their inverse covariances as weights (0 where a view does not show the point), and the
+    Gaussian prior on the height, which counts for the points with `known` 1.
+    """
 
     sights: CentresInViews
     weights: Floats  # (N, V, 2, 2) inverse covariances, 0 where the view does not show the point
@@ -91,22 +107,23 @@ class LeastSquares(NamedTuple):
     rig: CameraRig
 
     def take(self, rows: Bools | Ints) -> LeastSquares:
-        """Return the problem of the points selected by a mask (N,) or by indices."""
+        """Return the least-squares problem of the points selected by a mask (N,) or by indices."""
         return self._replace(sights=self.sights.take(rows), weights=self.weights[rows], known=self.known[rows])
 
 
 def triangulate_points(
     sights: CentresInViews, rig: CameraRig, height: TargetHeightPrior | None, min_sine: float
 ) -> GroundPosition:
-    """Triangulate points from all views that show them.
+    """Triangulate points by weighted least squares from all views that show them, a single view with the height prior.
 
-    The misfit of a point in one view with a height is near 0: it has as many unknowns as measurements.
+    The status is `TOO_FEW` for points with too few views, `NEAR_PARALLEL` below `min_sine`, `BEHIND` where the search
+    starts behind a camera. The misfit of a point in one view is near 0: it has as many unknowns as measurements.
 
     Args:
-        sights: N points in V views.
-        rig: the views.
-        height: prior for points that one view shows; None: they have no position.
-        min_sine: least sine of the angle at which lines of sight cross, or at which a single one meets the plane.
+        sights: undistorted centres of N points in V views.
+        rig: the V cameras.
+        height: prior on z of points that one view shows; None: they have no position.
+        min_sine: least sine of the angle at which two lines of sight cross, or at which a single one meets the plane.
     """
     # Status by the geometry of the lines of sight
     count = sights.there.sum(axis=1)
@@ -138,7 +155,7 @@ def triangulate_points(
 
 
 def _rays(pixels: Floats, rig: CameraRig) -> Floats:
-    """(N, V, 3) unit vectors in the world along the lines of sight through undistorted `pixels` (N, V, 2)."""
+    """Return (N, V, 3) unit vectors in the world along the lines of sight through undistorted `pixels` (N, V, 2)."""
     local = np.concatenate([(pixels - rig.principal) / rig.focal, np.ones((*pixels.shape[:2], 1))], axis=2)
     rays = np.einsum("vij,nvj->nvi", rig.rotation, local)
     return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
@@ -158,9 +175,9 @@ def _crossing(rays: Floats, sights: CentresInViews) -> Floats:
 
 
 def _start(rays: Floats, problem: LeastSquares) -> Floats:
-    """Return (N, 3) initial positions: least squares of the lines of sight with unit vectors `rays` (N, V, 3).
+    """Return (N, 3) initial positions: the points with the least sum of squared distances to their lines of sight.
 
-    For a single line it is the point at the prior height.
+    `rays` (N, V, 3) are unit vectors along the lines of sight. For a single line it is the point at the prior height.
     """
     sights, known = problem.sights, problem.known
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
@@ -171,14 +188,15 @@ def _start(rays: Floats, problem: LeastSquares) -> Floats:
 
 
 def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Floats]:
-    """Return positions of points refined by Gauss-Newton with step halving.
+    """Return positions refined by Gauss-Newton with step halving, their information matrices and costs.
 
     Args:
-        start: (N, 3) positions to begin with, not changed.
-        problem: image centres and views of the points.
+        start: (N, 3) initial positions, not changed.
+        problem: image centres, weights and cameras of the points.
 
     Returns:
-        Positions (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera.
+        Positions (N, 3), information (N, 3, 3) and cost (N,), the sum of squared standardised residuals; inf for a
+        point that starts behind a camera.
     """
     xyz = start.copy()
     cost = _cost(xyz, _reprojection_errors(xyz, problem)[0], problem)
@@ -203,9 +221,13 @@ def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Float
 
 
 def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
-    """Return (N, 3) positions and (N,) costs after a `step` (N, 3), halved until `cost` (N,) does not grow.
+    """Return (N, 3) positions and (N,) costs after a Gauss-Newton `step` (N, 3), halved until `cost` does not grow.
 
-    Steps are from `here` (N, 3). Points without such a step within `HALVINGS` halvings stay as they were.
+    Args:
+        here: (N, 3) positions before the step. Points without such a step within `HALVINGS` halvings stay there.
+        step: (N, 3) full step.
+        cost: (N,) costs at `here`.
+        problem: least-squares problem of these points.
     """
     size = np.ones(len(here))
     for _ in range(HALVINGS):
@@ -219,14 +241,14 @@ def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) 
 
 
 def _ridge(matrix: Floats) -> Floats:
-    """Return (N, 3, 3) multiples of the identity, 1e-14 of the traces, that make singular matrices regular."""
+    """Return (N, 3, 3) multiples of the identity, 1e-14 of the traces of `matrix` (N, 3, 3), against singularity."""
     return np.asarray(1e-14 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3))
 
 
 def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
-    """Return (N, V, 2) reprojection residuals of positions `xyz` (N, 3), and these in camera axes (N, V, 3).
+    """Return (N, V, 2) reprojection residuals of world positions `xyz` (N, 3), and (N, V, 3) these in camera axes.
 
-    Residuals are measured minus expected [px], 0 in a view without the point, NaN behind a camera.
+    Residuals are measured minus expected [px], 0 in a view that does not show the point, NaN behind a camera that does.
     """
     sights, rig = problem.sights, problem.rig
     local = np.einsum("nvi,vij->nvj", xyz[:, None, :] - rig.centre, rig.rotation)
@@ -236,9 +258,10 @@ def _reprojection_errors(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Fl
 
 
 def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
-    """Return (N,) costs: the sum of squared standardised residuals, and of the height's where its prior counts.
+    """Return (N,) sums of squared standardised residuals, with that of the height where its prior counts.
 
-    `xyz` (N, 3) are the positions, `left` (N, V, 2) residuals there. Costs are inf behind a camera.
+    `xyz` (N, 3) are the positions, `left` (N, V, 2) the reprojection residuals there [px]. Costs are inf where a
+    residual is NaN, that is, behind a camera.
     """
     known, height = problem.known, problem.height
     total = np.einsum("nvi,nvij,nvj->n", left, problem.weights, left)
@@ -247,13 +270,13 @@ def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
 
 
 def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> tuple[NDArray[np.float64], Floats]:
-    """Return the information (N, 3, 3) and the gradient (N, 3) of half the negative cost.
+    """Return the Gauss-Newton information matrix (N, 3, 3) and the gradient (N, 3) of minus half the cost.
 
     Args:
-        xyz: (N, 3) positions.
-        left: (N, V, 2) residuals at the positions.
+        xyz: (N, 3) positions in the world.
+        left: (N, V, 2) reprojection residuals at the positions [px]; NaN counts as 0.
         local: (N, V, 3) positions in the cameras' axes.
-        problem: image centres and views of the points.
+        problem: weights, cameras and height prior of the points.
     """
     rig, known, height = problem.rig, problem.known, problem.height
     # Jacobian of the projections
@@ -277,17 +300,17 @@ def triangulate_in_space(
     gate: float = 1e-3,
     min_crossing: float = np.radians(5.0),
 ) -> GroundPosition:
-    """Triangulate points, without views that contradict the others.
+    """Triangulate points, and leave out views that contradict the others.
 
-    Views agree when their misfit passes a chi-square test.  Where they do not, the view without
-    which the others agree best is omitted, as long as at least two are left; two views that do
-    not agree give no position, since either may be right.
+    Views agree when their misfit passes a chi-square test. Where they do not, the view without which the others agree
+    best is left out, as long as two or more remain. Two views that do not agree give no position (status
+    `DISAGREEING`), since either may be right.
 
     Args:
-        sights: N points in V views.
-        rig: the views.
-        height: of points that one view shows; None: they have no position.
-        gate: probability of the test to reject views that are all right.
+        sights: undistorted centres of N points in V views.
+        rig: the V cameras.
+        height: prior on z of points that one view shows; None: they have no position.
+        gate: level of the test, the probability of rejecting views that are all right.
         min_crossing: least angle [rad] at which lines of sight cross, or at which a single one meets the plane.
     """
     # Gate: chi-square with 2 views - 3 degrees of freedom
@@ -308,22 +331,25 @@ def triangulate_in_space(
 
 
 def _bad(met: GroundPosition, limits: Floats) -> Bools:
-    """Return (N,) booleans: the point's views do not agree, or it lies behind one of them.
+    """Return (N,) booleans: the views of the point do not agree, or the point lies behind one of them.
 
-    `limits` are the largest misfits by the number of views used.
+    `met` are triangulated points; `limits` (V + 1,) the largest allowed misfit by the number of views used.
     """
     bad: Bools = (met.status == BEHIND) | ((met.status == MET) & (met.misfit > limits[met.used.sum(axis=1)]))
     return bad
 
 
 def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: float) -> GroundPosition:
-    """Return for each of N points the best fit that omits one of the views it used; misfit inf if there is none.
+    """Return for each of N points the best fit without one of the views used before; misfit inf if there is none.
 
     Args:
-        sights: image centres of the N points.
+        sights: image centres of the N points in V views.
         used: (N, V) views that were used before.
-        rig: the views.
+        rig: the V cameras.
         min_sine: least sine of the angle at which lines of sight cross.
+
+    Raises:
+        ValueError: V is 0.
     """
     best: GroundPosition | None = None
     for view in range(used.shape[1]):
@@ -343,7 +369,7 @@ def _without_one(sights: CentresInViews, used: Bools, rig: CameraRig, min_sine: 
 
 
 def _taken(met: GroundPosition, rows: Ints) -> GroundPosition:
-    """Return the positions with the indices `rows`."""
+    """Return the triangulated positions with the indices `rows` (K,), with all their fields."""
     return GroundPosition(met.xyz[rows], met.covariance[rows], met.status[rows], met.used[rows], met.misfit[rows])
 
 
@@ -363,7 +389,11 @@ HEIGHTS = 30.0
 
 
 class ViewOdds(NamedTuple):
-    """Prior probability that a view is on the target, variance of residuals of such views, and image areas."""
+    """Model of views that may be on another target: prior odds, and the densities of right and wrong image centres.
+
+    `right`: prior probability that a view is on the target, in (0, 1]. `agreement`: variance of the residuals of right
+    views, in units of the stated variance. `areas` (V,) [px^2]: a wrong view's centre is uniform over its image.
+    """
 
     right: float  # probability that a view is on the target, in (0, 1]; 1: all are
     agreement: float  # variance of the residuals of views on one target, in units of the stated one, > 0
@@ -371,7 +401,11 @@ class ViewOdds(NamedTuple):
 
 
 class ViewContradictions(NamedTuple):
-    """Covariances of N positions, and probabilities that views of theirs are on something else."""
+    """Covariances of N positions, and the probability of each that one of its views is on something else.
+
+    `covariance` (N, 3, 3) is NaN where there is no position; `contested` (N,) is 0 for a single view, and 1 where
+    several views give no position.
+    """
 
     covariance: Floats  # (N, 3, 3) NaN where there is no position
     contested: Floats  # (N,) probability that a view is on something else; 0 for one view, 1 if no views agree
@@ -385,14 +419,17 @@ def covariances_with_contradiction(
     odds: ViewOdds,
     sine: float,
 ) -> ViewContradictions:
-    """Compute covariances of positions from all hypotheses about which views are on the target.
+    """Return covariances of positions as mixtures over the hypotheses about which views are on the target.
+
+    A covariance is the second moment of the hypotheses' positions about the position reported, weighted by their
+    probabilities. With `odds.right` of 1 the covariances stay as they are.
 
     Args:
-        met: reported positions of the N points.
-        sights: N points in V views.
-        rig: the views.
-        height: prior of the height of points that one view shows; None: single views are no hypotheses.
-        odds: prior probability that a view is on the target, and the error variance of such views.
+        met: reported positions of the N points; not changed.
+        sights: undistorted centres of the N points in V views.
+        rig: the V cameras.
+        height: prior on z of points that one view shows; None: single views are no hypotheses.
+        odds: prior probability that a view is on the target, and error models of right and wrong views.
         sine: least sine of the angle at which lines of sight cross.
     """
     covariance, contested = met.covariance.copy(), np.where(met.status == MET, 0.0, 1.0)
@@ -420,15 +457,18 @@ def _mixture(
     odds: ViewOdds,
     sine: float,
 ) -> tuple[Floats, Floats]:
-    """Return (N, 3, 3) second moments about positions, and (N,) probabilities that all views are on the target.
+    """Return (N, 3, 3) mixture covariances about positions, and (N,) probabilities that all views are right.
+
+    The mixture is over all sets of views that may be on the target (`_sets`). Covariances are NaN where no set gives a
+    position, and the probability is then 0.
 
     Args:
         xyz: (N, 3) reported positions.
-        sights: image centres of the points, which are all in the same views.
+        sights: undistorted centres of the points, which are all shown by the same views.
         pattern: (V,) whether a view shows the points.
-        rig: all views.
-        height: prior for single views; None: they are no hypotheses.
-        odds: prior probability that a view is on the target, and the error variance of such views.
+        rig: all V cameras.
+        height: prior on z for single views; None: single views are no hypotheses.
+        odds: prior probability that a view is on the target, and error models of right and wrong views.
         sine: least sine of the angle at which lines of sight cross.
     """
     density = np.log(2.0 * np.pi) + 0.5 * np.linalg.slogdet(sights.covariance)[1] + np.log(odds.agreement)
@@ -458,9 +498,9 @@ def _mixture(
 
 
 def _sets(pattern: Bools) -> Iterator[Bools]:
-    """Generate nonempty subsets of a pattern's views as (V,) masks, the largest first.
+    """Generate the nonempty subsets of the views in `pattern` (V,) as masks (V,), the largest first.
 
-    Of more than `ALL_SUBSETS` views, only those of one or two views and those without at most two views.
+    Of more than `ALL_SUBSETS` views, only the subsets of one or two views and those that omit at most two.
     """
     views = np.flatnonzero(pattern)
     for size in range(len(views), 0, -1):

@@ -26,10 +26,10 @@ from .config import ViewsConfig
 
 
 def anchors(ellipses: Floats, bottom: bool) -> Floats:
-    """Return (N, 2) reference points of ellipses (N, 5) [px]: their centres, or their lowest points if `bottom`.
+    """Return (N, 2) reference points of ellipses in an image [px]: their centres, or their lowest points.
 
     Args:
-        ellipses: (N, 5) x, y, two semi-axes [px] and angle [rad], see `occlog.core.image`.
+        ellipses: (N, 5) centre x, y and half axes a, b [px], angle [rad] of axis a from +x (right) to +y (down).
         bottom: the lowest point, where people stand; else the centre.
     """
     if not bottom:
@@ -42,16 +42,17 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
 
 
 def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: Floats, bottom: bool = False) -> Floats:
-    """Return (N,) larger of the two distances of ellipses from each other's epipolar lines, in radii.
+    """Return (N,) loop distances of ellipse pairs in two views: distances from each other's epipolar lines, in radii.
 
-    They are inf where unknown.
+    Of the two distances, each divided by the radius of its ellipse, the larger one counts ([Qu] Sec. 3.4.2). inf where
+    the fundamental matrix or the line is unknown.
 
     Args:
-        geometry: fundamental matrices between the views.
+        geometry: fundamental matrices between the views, and undistortion of each.
         a: number of a view.
         b: number of another view.
-        of_a: (N, 5) ellipses of targets in view a.
-        of_b: (N, 5) of the same targets in view b.
+        of_a: (N, 5) ellipses of N targets in view a: centre, half axes [px] and angle [rad].
+        of_b: (N, 5) ellipses of the same targets in view b.
         bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
     """
     points = []
@@ -64,7 +65,7 @@ def loop_distances(geometry: ViewGeometry, a: int, b: int, of_a: Floats, of_b: F
 
 
 def radius(ellipses: Floats) -> Floats:
-    """(N,) radii [px] of the circles of the same area as ellipses (N, 5)."""
+    """Return (N,) radii sqrt(a b) [px] of the circles with the areas of ellipses (N, 5), a and b their half axes."""
     return np.asarray(np.sqrt(ellipses[:, 2] * ellipses[:, 3]))
 
 
@@ -79,20 +80,28 @@ MAX_MISFIT_RATIO = 0.5
 
 @dataclass(frozen=True)
 class Candidate:
-    """A detected region without a tracker, followed from frame to frame as a possible birth."""
+    """A detected region without a tracker, followed from frame to frame, from which a tracker may be started.
+
+    `trail` has the time step and ellipse (5,) of its latest frames, oldest first; `count` is the number of frames in a
+    row in which it was found.
+    """
 
     trail: Trail
     count: int  # frames in a row
 
     @property
     def ellipse(self) -> Floats:
-        """Return the ellipse (5,) of the latest frame."""
+        """Return the ellipse (5,) of the latest frame: centre and half axes [px], angle [rad]."""
         return self.trail[-1][1]
 
 
 @dataclass(frozen=True)
 class BirthCandidates:
-    """Candidates for births, and trails and unsupported frame counts of trackers, carried between time steps."""
+    """State of track initiation and termination between time steps, for V views.
+
+    The identity of the next new target; the candidates of each view; the latest ellipses (trails) of all trackers; for
+    each tracker the number of frames in a row without a supporting region; and the number of the next time step.
+    """
 
     next_id: int
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
@@ -102,7 +111,7 @@ class BirthCandidates:
 
 
 def empty_candidates(n_views: int, next_id: int = 0) -> BirthCandidates:
-    """State before the first time step; new targets are numbered from `next_id`."""
+    """Return the state of track initiation before the first time step; new targets are numbered from `next_id`."""
     return BirthCandidates(next_id, ((),) * n_views)
 
 
@@ -116,17 +125,21 @@ def initiate_and_terminate(
     bottom: bool = False,
     gone: Collection[TrackerKey] = (),
 ) -> tuple[BirthCandidates, tuple[Birth, ...], tuple[TrackerKey, ...]]:
-    """Decide which regions of a time step start trackers and which trackers end.
+    """Decide which regions of a time step start trackers, and which trackers end.
 
     Args:
-        state: candidates after the time step before.
-        regions: (K, 5) of each view; None: frame not processed by the detector.
-        trackers: ellipses of all trackers after this time step's frames, of all views.
+        state: candidates after the time step before; not changed.
+        regions: detected ellipses (K, 5) of each view; None: frame not processed by the detector.
+        trackers: ellipses (5,) of all trackers of all views after this time step, by (view, target).
         views: V views.
         geometry: fundamental matrices between the views.
         config: settings of births and terminations.
         bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
         gone: trackers that ended in this time step; their targets do not restart in that view before the next one.
+
+    Returns:
+        The state after the time step, the trackers to start, and the (view, target) of those to end for lack of
+        regions.
     """
     # Lengthen the trails of trackers
     now = state.step
@@ -155,14 +168,19 @@ def initiate_and_terminate(
 
 
 def _extended(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
-    """Return a trail with ellipse (5,) of time step `now` appended, cut to its last `keep` entries."""
+    """Return a trail with `ellipse` (5,) at time step `now` appended, cut to its last `keep` entries."""
     return (*trail, (now, ellipse))[-keep:]
 
 
 def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Floats:
-    """Return those of the regions (K, 5) that are large enough for a birth: half axes of at least `birth_min_size_px`.
+    """Return the regions large enough for a birth: both half axes are at least `birth_min_size_px`.
 
-    Without `birth_allow_truncated` those that the image edge cuts are omitted, too.
+    Without `birth_allow_truncated` the regions that the image edge cuts are omitted, too.
+
+    Args:
+        regions: (K, 5) upright ellipses: centre, half width and half height [px], angle 0.
+        view: the view, with its image size.
+        config: settings of births.
     """
     low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
     good = (regions[:, 2:4] >= config.birth_min_size_px).all(axis=1)
@@ -173,7 +191,10 @@ def _birth_sized(regions: Floats, view: TrackedView, config: ViewsConfig) -> Flo
 
 
 def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float) -> Floats:
-    """Return those of the regions (K, 5) that are farther than `separation` sums of radii from every tracker (5,)."""
+    """Return the regions (K, 5) that no tracker explains: farther than `separation` sums of radii from each.
+
+    `trackers` are ellipses (5,) of the same view. Distances are between centres, radii along the line between them.
+    """
     if not trackers or not len(regions):
         return regions
     near = nearness(np.vstack([regions, *trackers]))[: len(regions), len(regions) :]
@@ -181,10 +202,16 @@ def _unexplained(regions: Floats, trackers: Sequence[Floats], separation: float)
 
 
 def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
-    """Return this frame's candidates, one for each region (K, 5).
+    """Return this frame's candidates of a view, one for each region that no tracker explains.
 
-    A region continues a touching candidate of the last frame (`before`), nearest pairs first, or starts one; other
-    candidates are dropped. `now` is the time step; trails keep their last `keep` entries.
+    A region continues the nearest touching candidate of the frame before, nearest pairs first, or starts a candidate;
+    candidates without a region are dropped.
+
+    Args:
+        before: candidates of the view in the last frame processed.
+        regions: (K, 5) ellipses of the regions.
+        now: number of the time step.
+        keep: number of frames kept in a trail.
     """
     n = len(regions)
     earlier = dict.fromkeys(range(n), Candidate((), 0))
@@ -202,10 +229,17 @@ def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int)
 def _ends(
     state: BirthCandidates, regions: Sequence[Floats | None], trackers: Mapping[TrackerKey, Floats], config: ViewsConfig
 ) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
-    """Count frames without a supporting region, and end the trackers that have had none for long.
+    """Count the frames without a supporting region of each tracker, and end those at `max_coasting_frames` in a row.
 
-    Return the state with the counts, and the trackers ended after `max_coasting_frames` such frames in a row.
-    `regions` are (K, 5) of each view (None: frame not processed, which counts as no frame), `trackers` ellipses (5,).
+    Args:
+        state: state of births and ends, with the counts before.
+        regions: ellipses (K, 5) of each view; None: frame not processed by the detector, which leaves the counts as
+            they are.
+        trackers: ellipses (5,) by (view, target).
+        config: `max_coasting_frames`; 0: no tracker ends.
+
+    Returns:
+        The state with the counts of the trackers that go on, and the (view, target) of those that end.
     """
     before = {key: state.unsupported.get(key, 0) for key in trackers}
     unsupported: dict[TrackerKey, int] = {}
@@ -224,10 +258,16 @@ def _ends(
 def _supported(
     mine: Sequence[TrackerKey], trackers: Mapping[TrackerKey, Floats], regions: Floats, before: Mapping[TrackerKey, int]
 ) -> list[TrackerKey]:
-    """Return the trackers of `mine` (those of one view) that a touching region supports, one region each.
+    """Return the trackers of one view that a touching region supports; a region supports one tracker.
 
-    Of several trackers at a region, the one supported last gets it. `trackers` are ellipses (5,), `regions` (K, 5),
-    `before` the frames in a row without support.
+    Pairs of tracker and region are assigned greedily: trackers with fewer frames without support first, then nearer
+    pairs.
+
+    Args:
+        mine: (view, target) of the view's trackers.
+        trackers: ellipses (5,) of these and others, by (view, target).
+        regions: (K, 5) ellipses of the view's regions.
+        before: frames in a row without support of each tracker.
     """
     if not mine or not len(regions):
         return []
@@ -243,7 +283,7 @@ def _supported(
 def _births(
     state: BirthCandidates, geometry: ViewGeometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
 ) -> tuple[BirthCandidates, tuple[Birth, ...]]:
-    """Return the state after the births in all views, and the births, view by view.
+    """Start trackers from the candidates of all views that have been followed for long enough.
 
     Args:
         state: candidates, updated with this frame.
@@ -251,6 +291,9 @@ def _births(
         config: settings of births and terminations.
         bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
         gone: trackers that ended in this time step; their targets do not restart in that view now.
+
+    Returns:
+        The state without the candidates that became trackers, and the births, view by view.
     """
     births: list[Birth] = []
     for v in range(len(state.candidates)):
@@ -267,9 +310,18 @@ def _births_in(
     bottom: bool,
     gone: Collection[TrackerKey],
 ) -> tuple[BirthCandidates, list[Birth]]:
-    """Return the state after the births in view `v`, without their candidates, and these births.
+    """Start trackers in view `v` from its candidates, each for a target of other views or for a new target.
 
-    The other arguments are those of `_births`.
+    Args:
+        state: candidates of all views, and trails of the trackers.
+        v: number of the view.
+        geometry: fundamental matrices between the views.
+        config: settings of births and terminations.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
+        gone: (view, target) of trackers that ended in this time step; their targets do not restart in that view now.
+
+    Returns:
+        The state without the candidates that became trackers, with trails of these, and the births.
     """
     candidates = _without_doubles(state.candidates[v], config.birth_min_distance)
     free = _free_targets(state.trails, v)
@@ -293,7 +345,10 @@ def _births_in(
 
 
 def _without_doubles(candidates: Sequence[Candidate], separation: float) -> tuple[Candidate, ...]:
-    """Return the candidates, without those within `separation` sums of radii of a candidate with more frames."""
+    """Return the candidates, without those near one that has been followed for at least as many frames.
+
+    Near means at most `separation` times the sum of the two radii along the line between the centres.
+    """
     order = sorted(range(len(candidates)), key=lambda c: -candidates[c].count)
     if len(order) < 2:
         return tuple(candidates)
@@ -314,10 +369,18 @@ def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
 def _misfit(
     trail: Trail, v: int, target: int, trails: Mapping[TrackerKey, Trail], geometry: ViewGeometry, bottom: bool
 ) -> float:
-    """Return the mean loop distance between a candidate's trail in view `v` and a target's trackers, in radii.
+    """Return how badly a candidate in view `v` fits a target: the mean loop distance over common time steps, in radii.
 
-    Of several trackers the largest counts. It is inf where no fundamental matrix is known, no frame is shared, or the
-    distance exceeds 1. `bottom`: compare the lowest points of ellipses; else their centres.
+    The loop distance is that of [Qu] Sec. 3.4.2 (`loop_distances`). Of the target's trackers in other views the worst
+    counts. inf without a fundamental matrix, without a common time step, or if the mean exceeds 1.
+
+    Args:
+        trail: time steps and ellipses of the candidate.
+        v: view of the candidate.
+        target: identity of the target.
+        trails: time steps and ellipses of all trackers, by (view, target).
+        geometry: fundamental matrices between the views.
+        bottom: compare the lowest points of ellipses; else their centres.
     """
     worst = -np.inf
     for (w, other), theirs in trails.items():
@@ -333,16 +396,20 @@ def _misfit(
 
 
 def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -> int | None:
-    """Decide which target a candidate belongs to.
+    """Decide which target of other views a candidate belongs to, if any.
+
+    Where none fits it starts a new target. It takes the only target that fits if no other candidate fits that one.
+    Otherwise it waits for `confirmation_wait_frames`, and then takes the best fit if its misfit is at most half that of
+    every rival fit, else it starts a new target.
 
     Args:
-        misfit: (candidates, targets) from `_misfit`, at most 1 where they fit.
+        misfit: (candidates, targets) mean loop distances in radii, from `_misfit`; inf where they do not fit.
         c: row of the candidate.
         candidate: the candidate.
         config: settings of births and terminations.
 
     Returns:
-        Column of the target; -1: a new one; None: wait.
+        Column of the target; -1: a new target; None: wait.
     """
     # A new target where none fits, and the only one that fits where it fits no other candidate
     fits = np.flatnonzero(misfit[c] <= 1.0)

@@ -10,7 +10,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class ViewsConfig(Settings):
-    """Settings of births, ends and image use that all image trackers share."""
+    """Settings common to all methods that track in images: image conversion, track initiation and termination."""
 
     OWNER: ClassVar[str] = "tracking in images"
 

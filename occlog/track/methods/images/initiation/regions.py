@@ -31,7 +31,10 @@ from occlog.records.tables import Boxes, Views
 
 
 class DetectorRegions(NamedTuple):
-    """Detected regions (ellipses) of some frames in time order."""
+    """Regions found by a detector, as N ellipses (centre, half axes [px], angle [rad]) in time order.
+
+    A row with `there` false is no region; it states that the detector processed the frame of this camera and time.
+    """
 
     t_ns: Ints  # (N,)
     sensor: Strings  # (N,)
@@ -40,15 +43,19 @@ class DetectorRegions(NamedTuple):
 
 
 def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Floats:
-    """Return (N, 5) ellipses inscribed in upright boxes, from their left, top, width and height (N,) [px]."""
+    """Return (N, 5) ellipses inscribed in upright boxes with the given left, top, width and height (N,) [px].
+
+    An ellipse is (centre x, centre y, half width, half height, 0).
+    """
     rows = [left + 0.5 * width, top + 0.5 * height, 0.5 * width, 0.5 * height, np.zeros(len(left))]
     return np.column_stack(rows)
 
 
 def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[DetectorRegions]:
-    """Generate regions, chunk by chunk, from a detector's boxes of at least `min_confidence` or of unknown confidence.
+    """Generate regions from a detector's boxes with a confidence of at least `min_confidence`, or an unknown one.
 
-    Rows without a box state that the frame was processed; frames without a row were not.
+    Rows without a box, and boxes of less confidence, only state that the frame was processed; frames without a row were
+    not processed.
     """
     for c in chunks:
         there = (c.box >= 0) & ~(c.confidence < min_confidence)
@@ -56,7 +63,11 @@ def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator
 
 
 def regions_of_views(chunks: Iterable[Views]) -> Iterator[DetectorRegions]:
-    """Generate regions from the clusters of every frame, without those that fusion of detections added or removed."""
+    """Generate regions from clusters of foreground pixels, chunk by chunk, as ellipses inscribed in their boxes.
+
+    Clusters that the fusion of detections added or removed (cause `recovered` or `removed`) only state that the frame
+    was processed.
+    """
     for c in chunks:
         there = ~np.isin(c.cause, ("recovered", "removed"))
         yield DetectorRegions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
@@ -84,9 +95,11 @@ class RegionStream:
     def at(self, names: Sequence[str], t_ns: Ints) -> list[Floats | None]:
         """Return the regions (K, 5) of each view's frame; None without a frame, or if the detector did not process it.
 
+        The regions returned, and those of earlier times, are removed from the buffer.
+
         Args:
             names: names of the V views.
-            t_ns: (V,) times of their frames, -1: none; times must not go back from call to call.
+            t_ns: (V,) times of their frames [ns], -1: none; times must not go back from call to call.
         """
         latest = int(t_ns.max())
         while not self._done and (self._until is None or self._until <= latest):
@@ -97,7 +110,7 @@ class RegionStream:
         return found
 
     def _pull(self) -> None:
-        """Read one more chunk into the buffer."""
+        """Read one more chunk of regions into the buffer, or note that there is none left."""
         chunk = next(self.chunks, None)
         if chunk is None:
             self._done = True
@@ -112,9 +125,10 @@ class RegionStream:
             self._until = int(chunk.t_ns[-1])
 
     def _take(self, name: str, t_ns: int) -> Floats | None:
-        """Return the regions (K, 5) of one camera and time, and remove them from the buffer.
+        """Return the regions (K, 5) of camera `name` at time `t_ns`, and remove them from the buffer.
 
-        None if the detector did not process the frame.
+        None if the detector did not process the frame, that is, without a row of this camera and time in a stream that
+        is not sparse.
         """
         rows = self._rows.pop((name, t_ns), [] if self.sparse else None)
         if rows is None:
@@ -132,14 +146,14 @@ MIN_AREA = 5e-4
 def moving_regions(
     frames: Callable[[], Iterable[Frame]], scene: Scene | None, views: Sequence[TrackedView], workers: int = 1
 ) -> Iterator[DetectorRegions]:
-    """Generate people-sized regions in all frames as `occlog detect` does with its defaults, in the order of time.
+    """Generate the regions of moving people in all frames, in the order of time, by background subtraction.
 
-    Where neither the cameras' poses nor the people seen give a size, the regions are connected
-    blobs of the usual size of what moves.
+    This is `occlog detect` with its defaults. Where neither a camera's pose nor the people seen give the size of a
+    person, the regions are connected blobs of the usual size of what moves.
 
     Args:
-        frames: makes all frames of the views, in the order of time; called two or three times.
-        scene: may lack cameras.
+        frames: makes an iterator over all frames of the views, in the order of time; called two or three times.
+        scene: scene with the cameras' poses; None, or without some of the cameras: their poses are unknown.
         views: V views.
         workers: number of threads.
     """
@@ -172,15 +186,12 @@ def with_cameras(scene: Scene | None, views: Sequence[TrackedView]) -> Scene:
 
 
 def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Sequence[TrackedView]) -> dict[str, SizeMap]:
-    """Measure the median height of the blobs that differ from the empty scene; sizes are equal all over the image.
+    """Return, by camera, a constant person size: the median height of blobs that differ from the empty scene.
 
     Args:
-        frames: frames in the order of time.
-        empty: images of the empty scene by camera, may be shrunk.
+        frames: frames in the order of time; the first `SAMPLES` of each camera are used, undecodable ones omitted.
+        empty: image of the empty scene of each camera, may be downscaled by a whole factor.
         views: views of the wanted sizes; a view without blobs gets none.
-
-    Returns:
-        Sizes by camera.
     """
     heights: dict[str, list[float]] = {view.name: [] for view in views}
     n_frames = dict.fromkeys(heights, 0)
@@ -203,9 +214,10 @@ def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Seque
 
 
 def _heights(image: Image, empty: Image) -> list[float]:
-    """Return heights [px of `image`] of blobs that differ from the `empty` scene and do not touch the image edge.
+    """Return heights [px of `image`] of the blobs that differ from the `empty` scene and do not touch the image edge.
 
-    `empty` may be shrunk by a whole factor; if its shape does not fit, there are no blobs.
+    Blobs below `MIN_AREA` of the image are omitted. `empty` may be downscaled by a whole factor; if its shape does not
+    fit, there are no blobs.
     """
     factor = max(1, image.shape[0] // empty.shape[0])
     small = downscale(image, factor)
@@ -226,7 +238,10 @@ MAX_FOREGROUND_SHARE = 0.6
 
 
 class BackgroundModel(NamedTuple):
-    """Background model of one camera; `foreground_mask` advances it."""
+    """Background model of one camera, an OpenCV subtractor that `foreground_mask` updates with each image.
+
+    `shape` is the height and width of the image of the empty scene, which may be downscaled.
+    """
 
     subtractor: Subtractor
     shape: tuple[int, int]  # of the empty scene's image
@@ -257,14 +272,13 @@ def background_models(
 
 
 def foreground_mask(model: BackgroundModel | None, image: Image, number: int) -> Image | None:
-    """Return a (H, W) mask: 255 for foreground, 0 for background; None if it is unknown.
+    """Update the background model with an image, and return its foreground mask (H, W): 255 foreground, 0 background.
 
-    It is unknown without a model, for a wrong image size, and for foreground above `MAX_FOREGROUND_SHARE`. The model is
-    updated with the image.
+    None without a model, for an image of the wrong size, and for foreground above `MAX_FOREGROUND_SHARE` of the image.
 
     Args:
-        model: background model of the camera, with frames in order; None: no model.
-        image: (H, W, 3) BGR or (H, W) grey.
+        model: background model of the camera, updated in place; None: no model.
+        image: (H, W, 3) BGR or (H, W) grey; images come in time order.
         number: number of the frame.
     """
     if model is None:

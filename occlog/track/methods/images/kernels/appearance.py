@@ -43,22 +43,21 @@ _SLOTS = 256
 
 @array_kernel
 def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: int, half: int) -> float:
-    """Add the weights 1 - q of the pixels of an ellipse to the sums of their bins.
+    """Add the weights 1 - q of the pixels inside an ellipse to the sums of their colour bins, in place.
 
-    Four neighbours at a time, which mostly share a bin, go to four sums: no addition waits
-    for another.  The weights of a row are worked out together before that.  Everything is in
-    one function, because slices of rows would take half of the time.
+    q is the squared ellipse distance, 0 at the centre and 1 on the outline (Epanechnikov kernel). Four neighbours at a
+    time, which mostly share a bin, go to four separate sums, so that no addition waits for another.
 
     Args:
-        sums: (4, 256) added to.
-        weights: (W,) space for the weights of a row.
-        bins: (H, W) bin of each pixel.
-        ellipse: (5,) the ellipse.
+        sums: (4, 256) weights by colour bin, added to; the four rows belong together.
+        weights: (W,) work space for the weights of a row of pixels.
+        bins: (H, W) colour bin of each pixel.
+        ellipse: (5,) centre and half axes [px], angle of the first axis [rad].
         step: every `step`-th pixel of both directions counts.
-        half: `ABOVE` its centre only, `BELOW` and level with it only, or `WHOLE`.
+        half: `ABOVE`: rows above the centre only; `BELOW`: level with it and below; `WHOLE`: all.
 
     Returns:
-        The weight of all its pixels there, those off the image included.
+        The total weight of the pixels of that part of the ellipse, those outside the image included.
     """
     mass = 0.0
     if not holds_pixels(ellipse):
@@ -108,17 +107,17 @@ WIDTH = 2 * N_BINS
 
 @kernel
 def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats:
-    """Weighted histograms of the colours in ellipses.
+    """Return weighted colour histograms of ellipses, one of the whole or two of the halves, [Qu] Sec. 3.3.
 
     Args:
         bins: (H, W) bin number of each pixel, all below `N_BINS` but those of pixels that belong to no target.
-        ellipses: (n, 5) the ellipses.
-        split: (n,) whether the upper and the lower half have a histogram each.
+        ellipses: (n, 5) centre and half axes [px], angle of the first axis [rad].
+        split: (n,) whether the upper and the lower half have a histogram each, one after the other; else zeros follow.
         step: only pixels with column and row that are multiples of it count; 1: all.
 
     Returns:
-        (n, WIDTH), each summing to the share of its weight that is on the image: 1 for an ellipse inside
-        it, 0 for one outside it, without a pixel centre or not an ellipse.
+        (n, WIDTH) histograms, each summing to the share of the ellipse's weight on pixels of the image with a bin: 1
+        for an ellipse inside the image; 0 for one outside it, without a pixel centre or not an ellipse.
     """
     out = np.zeros((ellipses.shape[0], WIDTH))
     sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
@@ -136,20 +135,18 @@ def colours_in(bins: Bytes, ellipses: Floats, split: Bools, step: int) -> Floats
 
 @kernel
 def colour_similarity(bins: Bytes, ellipses: Floats, owner: Ints, colours: Floats, split: Bools, step: int) -> Floats:
-    """Bhattacharyya coefficients of the colours in ellipses with those of their targets.
+    """Return (P,) Bhattacharyya coefficients of the colours in ellipses with the colours of their targets.
 
-    The sums of sqrt(h_k m_k) of `colours_in` h and the targets' m, without the tables in between.
+    The coefficient is sum_k sqrt(h_k m_k) of the histograms h in the ellipse and m of the target, limited to 0 (nothing
+    in common) to 1 (equal).
 
     Args:
-        bins: (H, W) bin number of each pixel.
-        ellipses: (P, 5) the ellipses.
-        owner: (P,) row of each one's target.
-        colours: (n, WIDTH) of the targets.
-        split: (n,) whether they are those of halves.
+        bins: (H, W) colour bin of each pixel.
+        ellipses: (P, 5) centre and half axes [px], angle of the first axis [rad].
+        owner: (P,) row of each ellipse's target.
+        colours: (n, WIDTH) histograms of the targets, as `colours_in` makes them.
+        split: (n,) whether a target's histograms are those of the upper and lower half.
         step: every `step`-th pixel of both directions counts.
-
-    Returns:
-        (P,), 0 (nothing in common) to 1 (equal).
     """
     out = np.empty(ellipses.shape[0])
     sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
@@ -168,13 +165,19 @@ def colour_similarity(bins: Bytes, ellipses: Floats, owner: Ints, colours: Float
 
 
 def upright(ellipses: Floats, share: float) -> Bools:
-    """Return (n,) booleans: whether ellipses (n, 5) are at least `share` times as high as wide; False for share 0."""
+    """Return (n,) booleans: whether ellipses (n, 5) are at least `share` times as high as wide; False for share 0.
+
+    Height and width are those of the upright box around an ellipse (centre, half axes, angle).
+    """
     a, b, s, c = ellipses[:, 2], ellipses[:, 3], np.sin(ellipses[:, 4]), np.cos(ellipses[:, 4])
     return np.asarray((np.hypot(a * s, b * c) >= share * np.hypot(a * c, b * s)) & (share > 0))
 
 
 def level(ellipses: Floats) -> Floats:
-    """Ellipses (n, 5) rewritten with axis a nearer to the horizontal than axis b, and the angle in [-pi/2, pi/2)."""
+    """Return ellipses (n, 5) rewritten with axis a nearer to the horizontal than axis b; the outlines stay.
+
+    An ellipse is (cx, cy, a, b, rho) with the angle rho [rad] of axis a; the angle returned is in [-pi/2, pi/2).
+    """
     out = np.array(ellipses, dtype=np.float64)
     swap = np.abs(np.mod(out[:, 4] + 0.5 * np.pi, np.pi) - 0.5 * np.pi) > 0.25 * np.pi
     out[swap, 2:4] = out[swap, 3:1:-1]
@@ -194,7 +197,11 @@ ROUNDING = 1e-12
 
 
 class PatchModels(NamedTuple):
-    """Principal-component densities of the image patches of M targets, D pixels each."""
+    """Principal-component densities of the grey image patches of M targets, D pixels each.
+
+    A model is Gaussian: a mean patch, K principal directions with a variance along each, and one variance (`rest`) in
+    all other directions.
+    """
 
     mean: Floats  # (M, D)
     basis: Floats  # (M, K, D) orthonormal rows
@@ -211,15 +218,17 @@ def disc_points(size: int = SIZE) -> Floats:
 
 @kernel
 def warp_patches(image: Bytes, ellipses: Floats, points: Floats) -> Floats:
-    """Read the patches inside ellipses, with linear interpolation; beyond the image its edge goes on.
+    """Read the grey patches inside ellipses, turned and scaled to the unit disc, by linear interpolation.
+
+    Pixels beyond the image take the value of its edge.
 
     Args:
-        image: (H, W, C), the mean of the C colours is what counts.
-        ellipses: (P, 5), of any finite numbers.
-        points: (D, 2) positions in the unit disc, x along axis a.
+        image: (H, W, C); the mean of the C colours is the grey value.
+        ellipses: (P, 5) centre and half axes [px], angle of the first axis [rad]; any finite numbers.
+        points: (D, 2) positions in the unit disc, x along the first axis.
 
     Returns:
-        (P, D) with mean 0 and variance 1 over each patch; 0 for flat ones.
+        (P, D) grey values scaled to mean 0 and variance 1 over each patch; 0 for flat ones (deviation below `FLAT`).
     """
     height, width, colours = image.shape
     out = np.empty((ellipses.shape[0], points.shape[0]))
@@ -251,12 +260,12 @@ def learn_patches(patches: Floats, components: int, least: float = LEAST) -> Pat
     """Learn the density of one target's patches (M = 1) by principal components.
 
     Args:
-        patches: (N, D) of the target, N >= 1.
-        components: largest K; no more than N - 1 and D carry any variance.
+        patches: (N, D) grey values of N >= 1 patches of the target, mean 0 and variance 1 each.
+        components: largest number K of components; no more than N - 1 and D carry any variance.
         least: lower limit of all variances, > 0.
 
     Returns:
-        K = min(components, N - 1, D), at least 0; `rest` is the mean of the variances that are omitted.
+        The model with K = min(components, N - 1, D), at least 0; `rest` is the mean of the variances that are omitted.
     """
     n, d = patches.shape
     k = max(min(components, n - 1, d), 0)
@@ -269,9 +278,9 @@ def learn_patches(patches: Floats, components: int, least: float = LEAST) -> Pat
 
 
 def stack_models(models: Sequence[PatchModels]) -> PatchModels:
-    """Concatenate the models of several targets.
+    """Concatenate the patch models of several targets into one, in order.
 
-    Models with fewer components are padded with zero directions, which add nothing, with the variance of their rest.
+    Models with fewer components are padded with zero directions of the variance `rest`, which change no density.
     """
     k = max(m.basis.shape[1] for m in models)
     basis, variance = [], []
@@ -285,19 +294,18 @@ def stack_models(models: Sequence[PatchModels]) -> PatchModels:
 
 @kernel
 def log_density(patches: Floats, owner: Ints, mean: Floats, basis: Floats, variance: Floats, rest: Floats) -> Floats:
-    """Log densities of patches, each under the model of its target.
+    """Return (P,) log densities of patches, each under the Gaussian model of its target.
+
+    They are -1/2 (sum_k y_k^2 / l_k + e^2 / rho + sum_k log l_k + (D - K) log rho + D log 2 pi) with y the coordinates
+    along the components and e^2 the squared distance from their space (Moghaddam and Pentland 1997).
 
     Args:
         patches: (P, D) patches as vectors.
         owner: (P,) row of the models for each patch.
         mean: (M, D) means of the patches of M targets.
-        basis: (M, K, D) their K principal components.
-        variance: (M, K) variances along the components.
-        rest: (M,) mean variance rho across them.
-
-    Returns:
-        (P,) -1/2 (sum_k y_k^2 / l_k + e^2 / rho + sum_k log l_k + (D - K) log rho + D log 2 pi) with y the
-        coordinates along the components and e^2 the square of what they leave over.
+        basis: (M, K, D) their K principal components, orthonormal.
+        variance: (M, K) variances l along the components.
+        rest: (M,) variance rho in every other direction.
     """
     d, components = patches.shape[1], basis.shape[1]
     out = np.empty(patches.shape[0])
@@ -320,13 +328,13 @@ def log_density(patches: Floats, owner: Ints, mean: Floats, basis: Floats, varia
 
 
 def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: PatchModels) -> Floats:
-    """Return (P,) log densities of the patches inside ellipses under their targets' models.
+    """Return (P,) log densities of the grey patches inside ellipses under the models of their targets.
 
     An ellipse's angle is known up to pi: the likelier of the two orientations counts.
 
     Args:
         image: (H, W, C) or (H, W).
-        ellipses: (P, 5) the ellipses.
+        ellipses: (P, 5) centre and half axes [px], angle of the first axis [rad].
         owner: (P,) row of the models for each ellipse.
         models: densities of the patches of each target, with pixels at `disc_points()`.
     """
@@ -336,13 +344,16 @@ def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: Pa
 
 
 def learn_target(image: Bytes, ellipse: Floats, jitter: Floats, components: int) -> PatchModels:
-    """Learn the density of a target's patches (M = 1) from one image of it.
+    """Learn the density of a target's grey patches (a model with M = 1) from one image of it.
+
+    The patches are those of its ellipse and of N ellipses shifted and scaled a little at random, so that slightly
+    misplaced ellipses still fit.
 
     Args:
         image: (H, W, C) or (H, W).
-        ellipse: (5,) of the target.
-        jitter: (N, 5) standard normal draws; ellipses that are off by a little are still the target.
-        components: number of principal components, see `learn_patches`.
+        ellipse: (5,) of the target: centre and half axes [px], angle of the first axis [rad].
+        jitter: (N, 5) standard normal numbers, scaled here to a few per cent of the size and 0.05 rad.
+        components: number of principal components.
     """
     sizes = 0.5 * (ellipse[2] + ellipse[3]) * np.array([0.05, 0.05, 0.03, 0.03, 0.0]) + [0, 0, 0, 0, 0.05]
     near = np.vstack([ellipse, ellipse + jitter * sizes])

@@ -27,7 +27,7 @@ AT_REST = 0.5
 
 
 class Interaction(NamedTuple):
-    """Constants of the interaction likelihood of trackers that touch."""
+    """Constants of the repulsion ([Qu] Eq. 8) and of the inertia of trackers of one view that touch."""
 
     alpha: float  # of Eq. 8, >= 1
     sigma: float  # Sigma of Eq. 8 over the mean of the two radii along the line between the centres
@@ -39,17 +39,17 @@ class Interaction(NamedTuple):
 
 @kernel
 def add_inertia(log_weights: Floats, particles: Floats, previous: Floats, before: Floats, model: Interaction) -> None:
-    """Add, in place, the log inertia weights of particles.
+    """Add, in place, the log inertia weights of particles: a tracker that touches others should move as before.
 
-    The weights are 1 + g exp(-dtheta^2 / angle^2) exp(-(|v| - |v_ref|)^2 / speed^2). dtheta is the angle between v, the
-    displacement to a particle, and v_ref; it is 0 where one of the two is at most `AT_REST`.
+    The weight is 1 + g exp(-dtheta^2 / angle^2) exp(-(|v| - |v_ref|)^2 / speed^2). dtheta is the angle between v, the
+    displacement to a particle, and v_ref; it is 0 where one of the two is at most `AT_REST` long.
 
     Args:
         log_weights: (N,) changed in place.
-        particles: (N, 5) ellipses.
-        previous: (2,) centre of the tracker in the last frame.
+        particles: (N, 5) ellipses of the tracker; only their centres [px] count.
+        previous: (2,) centre of the tracker in the last frame [px].
         before: (2,) v_ref, the displacement to expect [px].
-        model: constants of inertia and repulsion.
+        model: constants g (`inertia`), `angle` [rad] and `speed` [px a frame].
     """
     usual = math.hypot(before[0], before[1])
     for p in range(particles.shape[0]):
@@ -63,17 +63,18 @@ def add_inertia(log_weights: Floats, particles: Floats, previous: Floats, before
 
 @kernel
 def repulsion(x: float, y: float, mine: Floats, estimate: Floats, touching: Bools, model: Interaction) -> float:
-    """Interaction weight of a particle, [Qu] Eq. 8: the product of 1 - exp(-l^2 / Sigma^2) / alpha over its neighbours.
+    """Return the interaction weight of a particle, [Qu] Eq. 8: prod (1 - exp(-l^2 / Sigma^2) / alpha) over neighbours.
 
-    l is the distance of the particle's centre from the neighbour's estimate.
+    l is the distance [px] of the particle's centre from a neighbour's estimate, Sigma a multiple of the mean radius of
+    the two along the line between them.
 
     Args:
         x: centre of the particle, to the right [px].
         y: centre of the particle, down [px].
-        mine: (5,) estimate of the particle's tracker.
-        estimate: (n, 5) estimates of all trackers.
+        mine: (5,) estimated ellipse of the particle's tracker.
+        estimate: (n, 5) estimated ellipses of all trackers.
         touching: (n,) whether a tracker is a neighbour that touches the particle's tracker.
-        model: constants of inertia and repulsion.
+        model: constants `alpha` and `sigma`.
     """
     out = 1.0
     for j in range(touching.shape[0]):
@@ -86,7 +87,11 @@ def repulsion(x: float, y: float, mine: Floats, estimate: Floats, touching: Bool
 
 @kernel
 def half_reach(one: Floats, other: Floats) -> float:
-    """Return the mean support radius [px] of two ellipses (5,) along the line between their centres."""
+    """Return the mean support radius [px] of two ellipses in the direction of the line between their centres.
+
+    `one` and `other` (5,) are (cx, cy, a, b, rho). The support radius of an ellipse in a direction is half the length
+    of its projection onto the direction.
+    """
     theta = math.atan2(other[1] - one[1], other[0] - one[0])
     total = 0.0
     for e in (one, other):
@@ -98,18 +103,18 @@ def half_reach(one: Floats, other: Floats) -> float:
 def repel_into(
     weights: Floats, estimate: Floats, particles: Floats, rows: Ints, touching: Bools, model: Interaction
 ) -> None:
-    """Apply the repulsion weights to a view's trackers in place, iterating K times with updated estimates.
+    """Apply the repulsion of touching trackers to a view's weights in place, in K iterations, [Qu] Alg. 1.
 
-    Only the weights phi^K of the last iteration are applied ([Qu] Alg. 1).  Where they would
-    make all weights of a tracker 0, its weights stay as they were.
+    Each iteration weighs from the weights at the start, with the estimates of the iteration before; only the weights of
+    the last one stay. Where all weights of a tracker would become 0, its weights stay as they were.
 
     Args:
         weights: (n, N) summing to 1; those of `rows` are changed in place.
-        estimate: (n, 5) means of `particles` by these weights; those of `rows` are changed in place.
+        estimate: (n, 5) weighted mean ellipses of `particles`; those of `rows` are changed in place.
         particles: (n, N, 5) ellipses.
         rows: indices of the view's trackers.
-        touching: (n, n) see `Neighbours`.
-        model: constants of inertia and repulsion.
+        touching: (n, n) which trackers touch.
+        model: constants of the repulsion, and K (`iterations`).
     """
     base = weights.copy()
     for _ in range(model.iterations):
@@ -130,7 +135,11 @@ def repel_into(
 
 
 class Neighbours(NamedTuple):
-    """Pairs of n trackers that touch or are close, by the estimates from the local likelihood."""
+    """Which of n trackers touch or are close to others of their view, by the estimates from the local likelihood.
+
+    `busy` (n,): another tracker of the view is close. `touching` (n, n): symmetric, false between views. `ratio` (n,):
+    distance to the nearest tracker of the view over the sum of both radii; inf if there is none.
+    """
 
     busy: Bools  # (n,) close to another tracker of its view
     touching: Bools  # (n, n)
@@ -138,14 +147,18 @@ class Neighbours(NamedTuple):
 
 
 class PastMotion(NamedTuple):
-    """Positions and displacements of n trackers before the frame."""
+    """Motion of n trackers before the frame: their last centres and the displacements to expect [px]."""
 
     centre: Floats  # (n, 2) in the last frame [px]
     step: Floats  # (n, 2) v_ref, the displacement to expect to this frame [px]
 
 
 class CameraCollaboration(NamedTuple):
-    """Geometry and counterparts for the collaboration of n trackers in V views ([Qu] Sec. 3.2)."""
+    """What views need to help each other: the geometry of V views, and the counterparts of n trackers, [Qu] Sec. 3.2.
+
+    A counterpart is the tracker of the same target in another view; its epipolar line weighs the particles of the
+    tracker.
+    """
 
     camera: Ints  # (n,) view of each tracker
     helper: Ints  # (n, V) tracker of the same target in another view that may help; -1: none
@@ -157,7 +170,10 @@ class CameraCollaboration(NamedTuple):
 
 
 class WeighingModel(NamedTuple):
-    """Terms of a frame's weights other than the local likelihood."""
+    """Parameters of a frame's particle weights that come on top of the local likelihood.
+
+    They describe the interaction of trackers of one view that touch, and the collaboration of views.
+    """
 
     near: Neighbours
     past: PastMotion
@@ -167,10 +183,14 @@ class WeighingModel(NamedTuple):
 
 @kernel
 def neighbours(estimate: Floats, camera: Ints, touch: float, close: float) -> Neighbours:
-    """Find the neighbours of ellipses `estimate` (n, 5) within their views `camera` (n,).
+    """Return which trackers of the same view touch or are close, and the distance of each to its nearest neighbour.
 
-    Two touch when their distance is at most `touch` times the sum of their radii along the
-    line between them, and are close at `close` times it.
+    Args:
+        estimate: (n, 5) estimated ellipses: centre and half axes [px], angle of the first axis [rad].
+        camera: (n,) view of each tracker.
+        touch: two trackers touch up to this distance of their centres, in sums of their radii along the line between
+            them.
+        close: two trackers are close up to this distance, in the same unit.
     """
     n = estimate.shape[0]
     busy, touching, ratio = np.zeros(n, dtype=np.bool_), np.zeros((n, n), dtype=np.bool_), np.full(n, np.inf)
@@ -191,21 +211,21 @@ def neighbours(estimate: Floats, camera: Ints, touch: float, close: float) -> Ne
 def reweighted(
     particles: Floats, log_local: Floats, here: Bools, model: WeighingModel, order: Ints, sweeps: int
 ) -> tuple[Floats, Floats, Bools]:
-    """Compute weights, estimates and helper views of n trackers.
+    """Compute particle weights, estimates and helping views of n trackers, [Qu] Alg. 1.
 
-    Trackers that are not close to others keep their local weights. The rest are processed view by view in several
-    sweeps; in the first, later views do not help yet.
+    Trackers that are not close to others keep the weights of the local likelihood. The rest are processed view by view
+    in several sweeps; in the first, later views do not help yet.
 
     Args:
         particles: (n, N, 5) ellipses.
         log_local: (n, N) logarithms of the local likelihood.
-        here: (n,) trackers with a frame of their view; the estimate of the others is where their particles are.
-        model: terms of the weights other than the local likelihood.
+        here: (n,) trackers with a frame of their view; the estimate of the others is the mean of their particles.
+        model: parameters of interaction and collaboration.
         order: (V,) order of the views.
         sweeps: number of sweeps, >= 1.
 
     Returns:
-        Weights (n, N), estimates (n, 5) and views that helped (n, V).
+        Weights (n, N) that sum to 1, mean ellipses (n, 5), and the views that helped (n, V).
     """
     near, past, cameras, interaction = model.near, model.past, model.cameras, model.interaction
     n = particles.shape[0]
@@ -244,17 +264,18 @@ def collaborate(
     near: Neighbours,
     cameras: CameraCollaboration,
 ) -> None:
-    """Add the epipolar bands of a tracker's counterparts to its log weights in place ([Qu] Eq. 5).
+    """Add, in place, the epipolar bands of a tracker's counterparts in other views to its log weights, [Qu] Eq. 5.
 
-    Counterparts close to no other tracker in their view help; if there are none, the others do. A counterpart that is
-    more occluded than the tracker does not help.
+    Only counterparts that are close to no other tracker in their view help; if there are none, the others do. A
+    counterpart that is nearer to another tracker than `clear`, and nearer than this tracker is to its own neighbours,
+    does not help.
 
     Args:
         log_w: (N,) changed in place.
         helped: (V,) set to which views helped.
         i: index of the tracker.
         particles: (N, 5) ellipses of the tracker.
-        estimate: (n, 5) estimates of all trackers.
+        estimate: (n, 5) estimated ellipses of all trackers.
         ready: (n,) trackers with usable estimates.
         near: neighbours of all trackers.
         cameras: geometry of the views, and counterparts of the trackers.

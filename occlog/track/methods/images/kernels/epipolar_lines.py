@@ -21,10 +21,10 @@ UNKNOWN, APART, TOGETHER = -1, 0, 1
 
 @kernel
 def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]:
-    """Return the reference point (centre or lowest point) of an ellipse in undistorted pixels.
+    """Return the reference point (x, y) of an ellipse, its centre or lowest point, in undistorted pixels.
 
     Args:
-        ellipse: (5,) the ellipse.
+        ellipse: (5,) centre and half axes [px], angle of the first axis [rad], in recorded pixels.
         affine: (2, 3) transformation of the ellipse's tracker from recorded to undistorted pixels.
         bottom: whether it is the lowest point; else the centre.
     """
@@ -41,7 +41,11 @@ def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]
 
 @kernel
 def line_of(matrix: Floats, x: float, y: float) -> tuple[float, float, float]:
-    """Return the epipolar line F (x, y, 1), scaled to l1^2 + l2^2 = 1; NaN at the epipole or for an unknown matrix."""
+    """Return the epipolar line F (x, y, 1) = (l1, l2, l3) of an undistorted pixel, scaled to l1^2 + l2^2 = 1.
+
+    F is the fundamental `matrix` (3, 3) from the pixel's view to the line's. NaN at the epipole or for an unknown
+    matrix.
+    """
     l1 = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]
     l2 = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]
     l3 = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
@@ -53,7 +57,10 @@ def line_of(matrix: Floats, x: float, y: float) -> tuple[float, float, float]:
 
 @kernel
 def reach_across(ellipse: Floats, l1: float, l2: float) -> float:
-    """Return the half width of the epipolar band of an ellipse (5,): its support along the unit vector (l1, l2)."""
+    """Return the support radius [px] of an ellipse (5,) along the unit vector (l1, l2), the normal of an epipolar line.
+
+    It is half the length of the ellipse's projection onto the normal, and the half width of the line's band.
+    """
     turn = math.atan2(l2, l1) - ellipse[4]
     return math.hypot(ellipse[2] * math.cos(turn), ellipse[3] * math.sin(turn))
 
@@ -62,17 +69,18 @@ def reach_across(ellipse: Floats, l1: float, l2: float) -> float:
 def add_band(
     log_weights: Floats, particles: Floats, affine: Floats, bottom: bool, line: tuple[float, float, float], sigma: float
 ) -> None:
-    """Add, in place, the log collaboration weights of [Qu] Eq. 5, without its constant.
+    """Add, in place, the log weights of the distances of particles from an epipolar line, [Qu] Eq. 5.
 
-    The distance of a particle from the band is that of its point from the middle line, as [Qu] simplifies it.
+    The weight is exp(-d^2 / (2 sigma^2)), without a constant, with the distance d of a particle's reference point from
+    the line.
 
     Args:
         log_weights: (N,) changed in place.
-        particles: (N, 5) ellipses.
+        particles: (N, 5) ellipses of one tracker.
         affine: (2, 3) transformation of the tracker from recorded to undistorted pixels.
-        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
-        line: middle of the band, see `line_of`.
-        sigma: Sigma_phi, the standard deviation of the distance from the line [px], > 0.
+        bottom: the reference points are the lowest points of ellipses; else their centres.
+        line: (l1, l2, l3) with unit normal (l1, l2), the middle of the epipolar band.
+        sigma: standard deviation of the distance from the line [px], > 0.
     """
     scale = 0.5 / (sigma * sigma)
     for p in range(particles.shape[0]):
@@ -87,16 +95,18 @@ def loop_check(
 ) -> Ints:
     """Check whether each tracker and its counterparts lie on each other's epipolar band, [Qu] Sec. 3.4.2.
 
+    A counterpart is the tracker of the same target in another view.
+
     Args:
         estimate: (n, 5) estimated ellipses of the trackers.
         affine: (n, 2, 3) transformations of the trackers from recorded to undistorted pixels.
         view: (n,) view of each tracker.
-        counterpart: (n, V) tracker of the same target in each other view; -1: none.
+        counterpart: (n, V) row of the tracker of the same target in each other view; -1: none.
         fundamental: (V, V, 3, 3), [a, b] from view a to lines in view b.
         bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
 
     Returns:
-        (n, V): `TOGETHER` when both points are at most the reach of their ellipse from their line, `APART`
+        (n, V): `TOGETHER` when both points are at most the support radius of their ellipse from their line, `APART`
         when one is farther, `UNKNOWN` without counterpart, matrix or line.
     """
     n, views = counterpart.shape
@@ -118,14 +128,14 @@ def loop_check(
 
 
 def hysteresis(check: Ints, good: Bools, streak: Ints, bad_after: int, good_after: int) -> tuple[Bools, Ints]:
-    """Change the status of counterparts when enough loop checks in a row contradict it.
+    """Change the good or bad status of counterparts when enough loop checks in a row contradict it.
 
     Args:
         check: outcomes of `loop_check`, of any shape.
-        good: the same shape, status before the check.
-        streak: the same shape, checks in a row that contradicted the status.
-        bad_after: failed checks in a row with which a good counterpart becomes bad.
-        good_after: checks in a row that hold with which a bad counterpart becomes good.
+        good: status before the check; of that shape.
+        streak: number of checks in a row that contradicted the status; of that shape.
+        bad_after: number of failed checks in a row at which a good counterpart becomes bad.
+        good_after: number of passed checks in a row at which a bad counterpart becomes good.
 
     Returns:
         `good` and `streak` after the check; an unknown outcome changes neither.
@@ -151,26 +161,26 @@ def drawn_on_lines(
     across: float,
     normals: Floats,
 ) -> Floats:
-    """Move some particles near the epipolar lines of the target's counterparts, to one line after the other in turn.
+    """Return particles, some of which are moved near the epipolar lines of the tracker's counterparts, in turn.
 
-    They are spread about the point of the line that is nearest to the estimate.  A tracker
-    without such a line keeps its particles.
+    Moved ones are normally distributed about the point of the line nearest to the estimate; only their centres change.
+    A tracker without such a line keeps its particles.
 
     Args:
         particles: (n, N, 5) ellipses, N particles of each tracker.
-        estimate: (n, 5) where the targets should be now.
-        affine: (n, 2, 3), see `methods.restart.affine_maps`.
+        estimate: (n, 5) ellipses expected in this frame.
+        affine: (n, 2, 3) transformations of the trackers from recorded to undistorted pixels.
         view: (n,) view of each tracker.
-        counterpart: (n, V) tracker of the same target in another view; -1: none.
+        counterpart: (n, V) row of the tracker of the same target in another view; -1: none.
         fundamental: (V, V, 3, 3) fundamental matrices, [a, b] from view a to lines in view b.
-        bottom: which point of an ellipse represents the target.
+        bottom: the lowest point of an ellipse is moved to the line; else its centre.
         count: (n,) how many of the particles are moved, 0 to N.
         along: standard deviation along the line [px].
-        across: standard deviation across it, over the ellipse's reach across it.
+        across: standard deviation across it, as a multiple of the support radius of the estimate in that direction.
         normals: (n, N, 2) standard normal numbers.
 
     Returns:
-        (n, N, 5).
+        (n, N, 5) ellipses.
     """
     out = particles.copy()
     lines = np.empty((counterpart.shape[1], 3))

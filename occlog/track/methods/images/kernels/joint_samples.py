@@ -23,10 +23,10 @@ from occlog.core.numerics.jit import kernel
 
 @kernel
 def overlap(one: Floats, two: Floats) -> float:
-    """Overlap of two ellipses (5,), 0 (apart) to 1 (the smaller one is covered).
+    """Return the overlap of two ellipses (5,), 0 (apart) to 1 (the smaller one is covered).
 
-    It is the area common to two discs, over that of the smaller one.  Their radii are the support
-    radii of the ellipses along the line between the centres, as for `occlog.core.image.touching`.
+    It is the area common to two discs over that of the smaller disc. A disc has the centre of its ellipse, and as
+    radius half the length of the ellipse's projection onto the line between the centres.
     """
     dx, dy = two[0] - one[0], two[1] - one[1]
     d, theta = math.hypot(dx, dy), math.atan2(dy, dx)
@@ -47,9 +47,13 @@ def overlap(one: Floats, two: Floats) -> float:
 
 @kernel
 def crowding(ellipse: Floats, pool: Floats, held: Ints, i: int) -> float:
-    """Return the sum of the overlaps of an ellipse (5,) with all targets but `i`, of which it is a proposal.
+    """Return the sum of the overlaps (0 to 1 each) of an ellipse (5,) with the ellipses of all targets but target `i`.
 
-    Target j is at pool[held[j]]; `pool` is (S, 5), `held` (n,).
+    Args:
+        ellipse: (5,) position of target i, held or proposed.
+        pool: (K, 5) ellipses of all initial positions and proposals.
+        held: (n,) row of the pool at which each target is.
+        i: number of the target, 0 to n - 1.
     """
     total = 0.0
     for j in range(held.shape[0]):
@@ -62,20 +66,22 @@ def crowding(ellipse: Floats, pool: Floats, held: Ints, i: int) -> float:
 def run_chain(
     pool: Floats, owner: Ints, log_likelihood: Floats, log_u: Floats, strength: float, burn: int, thin: int
 ) -> Ints:
-    """Sample the joint state by Metropolis-Hastings, changing one target per move.
+    """Sample joint positions of n targets by Metropolis-Hastings, moving one target at a time (Khan et al. 2004).
+
+    Proposals come from the targets' predictions, so that the acceptance ratio has only the likelihoods and the prior
+    exp(-strength overlap) of each pair.
 
     Args:
-        pool: (n + S, 5) ellipses: where targets 0 to n - 1 start, then what S moves propose; drawn
-            from the prediction of their target.
-        owner: (S,) target that a move changes, 0 to n - 1.
-        log_likelihood: (n + S,) of each of the pool for its target, finite.
+        pool: (n + S, 5) ellipses: where targets 0 to n - 1 start, then what S moves propose.
+        owner: (S,) target that each move changes, 0 to n - 1.
+        log_likelihood: (n + S,) log likelihood of each ellipse of the pool for its target, finite.
         log_u: (S,) logarithms of draws from U(0, 1].
-        strength: >= 0 of the prior against overlap.
+        strength: >= 0, strength of the prior against overlap.
         burn: moves before the first sample that is kept.
         thin: moves per sample that is kept, >= 1.
 
     Returns:
-        ((S - burn) // thin, n) rows of the pool: where each target is in each sample.
+        ((S - burn) // thin, n) rows of the pool: the position of each target in each sample.
     """
     n = pool.shape[0] - owner.shape[0]
     held = np.arange(n)
@@ -96,7 +102,11 @@ def run_chain(
 
 @kernel
 def crowding_of_samples(samples: Floats) -> Floats:
-    """Return (N,) sums of pairwise overlaps in joint samples (N, n, 5)."""
+    """Return (N,) sums of the overlaps of all pairs of targets in each joint sample.
+
+    `samples` (N, n, 5) has the ellipses of the n targets in N samples. An overlap is 0 (apart) to 1 (smaller one
+    covered).
+    """
     out = np.zeros(samples.shape[0])
     for k in range(samples.shape[0]):
         for i in range(samples.shape[1]):
@@ -106,15 +116,12 @@ def crowding_of_samples(samples: Floats) -> Floats:
 
 
 def distinct_size(rows: Ints) -> Floats:
-    """Return the effective number of distinct samples of each target in a chain, 1 to N.
+    """Return (n,) effective numbers of distinct samples of each target in a chain, 1 to N.
 
-    Equal samples count as one with weight w, their share; the number is 1 / sum w^2.
+    The number is 1 / sum w^2, where equal samples count as one with their share w of the N samples.
 
     Args:
-        rows: (N, n) from `run_chain`.
-
-    Returns:
-        (n,).
+        rows: (N, n) position of each target in each sample, as a row of the pool (from `run_chain`).
     """
     out = np.empty(rows.shape[1])
     for i, column in enumerate(rows.T):

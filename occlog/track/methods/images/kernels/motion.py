@@ -20,9 +20,10 @@ SHORTEST = 0.5
 
 
 class EllipseMotion(NamedTuple):
-    """Motion model of an ellipse from frame to frame: p(x_t | x_t-1) of [Qu] Eq. 1.
+    """Motion model of an ellipse from frame to frame, p(x_t | x_t-1) of [Qu] Eq. 1.
 
-    [Qu] leaves the dynamics open; the forms here are those of the project's notes.
+    The centre moves with a given velocity and Gaussian noise; half axes and angle are first-order autoregressive about
+    their values at the start of the track. [Qu] leaves the dynamics open; these forms are the project's.
     """
 
     sigma: float  # of the centre, each axis [px]
@@ -37,21 +38,18 @@ class EllipseMotion(NamedTuple):
 def moved(
     particles: Floats, velocity: Floats, axes: Floats, gap: Floats, normals: Floats, motion: EllipseMotion
 ) -> Floats:
-    """Move particles to the next frame.
+    """Return particles (n, N, 5) drawn from the motion model for the next frame of their view.
 
-    The centre moves by the tracker's velocity and Gaussian noise.  The half axes and the angle
-    return towards those at the start and stay near them.  The variances grow with the gap.
+    The centre moves by the tracker's velocity and Gaussian noise. The half axes and the angle return towards those at
+    the start and stay near them. The variances grow with the gap.
 
     Args:
-        particles: (n, N, 5) ellipses, N particles of each tracker.
-        velocity: (n, 2) of the centres [px a frame].
-        axes: (n, 3) half axes [px] and angle at the start.
+        particles: (n, N, 5) ellipses, N particles of each tracker: centre, half axes [px], angle [rad].
+        velocity: (n, 2) velocities of the centres [px a frame].
+        axes: (n, 3) half axes [px] and angle [rad] at the start.
         gap: (n,) frames since the last one, >= 1.
         normals: (n, N, 5) standard normal numbers.
-        motion: the model.
-
-    Returns:
-        (n, N, 5).
+        motion: parameters of the model.
     """
     out = np.empty_like(particles)
     for i in range(particles.shape[0]):
@@ -72,14 +70,17 @@ def moved(
 
 @kernel
 def turned(rho: float) -> float:
-    """Wrap the direction of an axis [rad] to [-pi/2, pi/2)."""
+    """Return the direction of an axis [rad] wrapped to [-pi/2, pi/2)."""
     out = (rho + 0.5 * math.pi) % math.pi - 0.5 * math.pi  # may round up to pi/2
     return out if out < 0.5 * math.pi else -0.5 * math.pi
 
 
 @kernel
 def normalise_into(weights: Floats, log_weights: Floats) -> None:
-    """Set weights (N,), sum 1, from log weights (N,) in place; equal weights where all are 0."""
+    """Set `weights` (N,) in place to exp(log_weights), scaled to sum 1.
+
+    All weights are equal where the largest log weight is not finite.
+    """
     top = -np.inf
     for p in range(log_weights.shape[0]):
         top = max(top, log_weights[p])
@@ -96,9 +97,9 @@ def normalise_into(weights: Floats, log_weights: Floats) -> None:
 
 @kernel
 def mean_into(out: Floats, particles: Floats, weights: Floats) -> None:
-    """Set `out` (5,) to the weighted mean of particles (N, 5).
+    """Set `out` (5,) in place to the weighted mean ellipse of `particles` (N, 5), with `weights` (N,) of sum 1.
 
-    The angle's is half the mean direction of doubled angles.
+    The mean angle is half the mean direction of the doubled angles, in [-pi/2, pi/2).
     """
     cx, cy, a, b, c, s = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(particles.shape[0]):
@@ -114,7 +115,12 @@ def mean_into(out: Floats, particles: Floats, weights: Floats) -> None:
 
 @kernel
 def weights_and_means(particles: Floats, log_weights: Floats) -> tuple[Floats, Floats]:
-    """Return weights (n, N) of sum 1, from log weights (n, N), and mean ellipses (n, 5) of `particles` (n, N, 5)."""
+    """Return weights (n, N) of sum 1 from log weights, and weighted mean ellipses (n, 5).
+
+    Args:
+        particles: (n, N, 5) ellipses of n trackers: centre, half axes [px], angle [rad].
+        log_weights: (n, N) unnormalised.
+    """
     weights, mean = np.empty(log_weights.shape), np.empty((particles.shape[0], 5))
     for i in range(particles.shape[0]):
         normalise_into(weights[i], log_weights[i])
@@ -124,9 +130,12 @@ def weights_and_means(particles: Floats, log_weights: Floats) -> tuple[Floats, F
 
 @kernel
 def covariance_and_ess(particles: Floats, weights: Floats, mean: Floats) -> tuple[Floats, Floats]:
-    """Covariances (n, 3) of the centres (xx, xy, yy) [px^2] about `mean` (n, 5), and effective sample sizes (n,).
+    """Return covariances (n, 3) of the centres about `mean`, as (xx, xy, yy) [px^2], and effective sample sizes (n,).
 
-    `particles` are (n, N, 5), `weights` (n, N) with sums of 1.
+    Args:
+        particles: (n, N, 5) ellipses of n trackers; only their centres count.
+        weights: (n, N) with sums of 1.
+        mean: (n, 5) ellipses; only their centres count.
     """
     n = particles.shape[0]
     out, ess = np.zeros((n, 3)), np.empty(n)
@@ -160,7 +169,10 @@ def resampled(particles: Floats, weights: Floats, u: Floats) -> Floats:
 
 @kernel
 def boxes_of(particles: Floats) -> Ints:
-    """Return (n, 4) boxes left, top, right, bottom (half-open) containing all ellipses (n, N, 5) of each tracker."""
+    """Return (n, 4) boxes left, top, right, bottom (whole pixels, half-open) that hold all N ellipses of each tracker.
+
+    `particles` (n, N, 5) are the ellipses. Boxes are generous: the largest half axis is added on all sides.
+    """
     out = np.empty((particles.shape[0], 4), dtype=np.int64)
     for i in range(particles.shape[0]):
         left, top, right, bottom, reach = np.inf, np.inf, -np.inf, -np.inf, 0.0

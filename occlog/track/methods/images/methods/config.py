@@ -160,7 +160,7 @@ class IdmotConfig(MipfConfig):
 
 @dataclass(frozen=True)
 class LoopCheckConfig(MipfConfig):
-    """Settings of methods with collaboration of views: epipolar lines and the check of counterparts by them."""
+    """Settings of methods that check trackers of a target in several views by epipolar lines ([Qu]'s loop check)."""
 
     ALONE: ClassVar[str]
     """What the method does where no other view can help."""
@@ -181,7 +181,7 @@ class LoopCheckConfig(MipfConfig):
 
 @dataclass(frozen=True)
 class BmctConfig(LoopCheckConfig, IdmotConfig):
-    """Settings of method `bmct`: trackers close to others are assisted by the other views."""
+    """Settings of method `bmct` of [Qu]: the other views help trackers that are close to others of their view."""
 
     OWNER: ClassVar[str] = "bmct"
     ALONE: ClassVar[str] = "does what idmot does"
@@ -206,7 +206,7 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
     restart_similarity: float = setting(0.85, "Minimum colour similarity for a restart.", **SHARE)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that the distance for touching does not exceed that for closeness."""
+        """Generate the rule that collaboration_distance is not below interaction_distance: (setting, holds, limit)."""
         yield (
             "collaboration_distance",
             self.collaboration_distance >= self.interaction_distance,
@@ -216,7 +216,10 @@ class BmctConfig(LoopCheckConfig, IdmotConfig):
 
 @dataclass(frozen=True)
 class CmctConfig(LoopCheckConfig):
-    """Settings of method `cmct`: particles are drawn on the epipolar lines, colours adapt, no interaction."""
+    """Settings of method `cmct`: particles are drawn on the epipolar lines of other views, and colours adapt.
+
+    Trackers of one view do not interact.
+    """
 
     OWNER: ClassVar[str] = "cmct"
     ALONE: ClassVar[str] = "does what mipf does, with colours that adapt"

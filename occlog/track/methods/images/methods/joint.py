@@ -36,7 +36,10 @@ MCMC = MODES.index("mcmc")
 
 
 class ViewFrame(NamedTuple):
-    """A frame of one view, with the state of its n targets before the motion step."""
+    """A frame of one view, and the n targets of that view before it: the input of a joint sampler.
+
+    `state` and `arrival` are of all trackers of all views; `rows` (n,) are those of this view.
+    """
 
     state: VisualState
     config: McmcConfig
@@ -46,7 +49,11 @@ class ViewFrame(NamedTuple):
 
 
 class ViewSamples(NamedTuple):
-    """N samples of the joint posterior of the n targets of a view."""
+    """N samples of the joint posterior of the n targets of a view, with weights common to all targets.
+
+    `particles` (n, N, 5): ellipses; column k is joint sample k. `log_weights` (N,): unnormalised. `ess` (n,): effective
+    sample sizes. `best` (n,): colour similarity of the best position tried for each target.
+    """
 
     particles: Floats  # (n, N, 5)
     log_weights: Floats  # (N,)
@@ -57,15 +64,15 @@ class ViewSamples(NamedTuple):
 def joint_samples(
     state: VisualState, config: McmcConfig, frames: FrameSet, arrival: FrameContext, rng: Generator
 ) -> TrackerParticles:
-    """Return particles and estimates after a frame; the targets of each view are sampled jointly.
+    """Return particles and estimates of all trackers after a frame, sampling the targets of each view jointly.
 
-    The sampler (`config.sampler`) is a Markov chain (`mcmc`), or draws, weights and resampling (`sir`).
+    The sampler is a Markov chain (`config.sampler` "mcmc"), or sampling, weighting and resampling ("sir").
 
     Args:
-        state: trackers before the frame.
+        state: trackers before the frame; its colour maps are updated in place.
         config: settings of the method.
         frames: frames of one time step, at most one for each view.
-        arrival: which of the n trackers have a frame; the particles of others stay.
+        arrival: which of the n trackers have a frame; the particles and estimates of the others stay.
         rng: generator of the random numbers drawn.
     """
     t = state.trackers
@@ -97,7 +104,10 @@ def joint_samples(
 
 
 def run_mcmc(frame: ViewFrame, rng: Generator) -> ViewSamples:
-    """Sample by a Markov chain started from a predicted sample of the previous frame."""
+    """Return samples of a Markov chain over the joint positions of the view's targets, started from a predicted sample.
+
+    The log weights are 0, as all samples of a chain weigh the same.
+    """
     config, n = frame.config, len(frame.rows)
     burn = round(config.burn_in * config.particles)
     moves = burn + config.particles * config.thin
@@ -117,7 +127,10 @@ def run_mcmc(frame: ViewFrame, rng: Generator) -> ViewSamples:
 
 
 def run_sir(frame: ViewFrame, rng: Generator) -> ViewSamples:
-    """Predict all joint samples of the previous frame and weigh them (importance sampling)."""
+    """Return the joint samples of the frame before, predicted to this one and weighted by their likelihoods.
+
+    This is sequential importance resampling without the resampling.
+    """
     before = frame.state.trackers.particles[frame.rows]
     n, count = before.shape[:2]
     # Propose: by the motion
@@ -143,7 +156,10 @@ def _resampled(samples: ViewSamples, rng: Generator) -> Floats:
 
 
 def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> Floats:
-    """Return (P, 5) ellipses after the motion step; ellipse p is of the view's target `owner[p]` (0 to n - 1)."""
+    """Return (P, 5) ellipses drawn from the motion model for this frame, starting at `ellipses` (P, 5).
+
+    Ellipse p is of the view's target `owner[p]`, 0 to n - 1, and moves at the velocity of its tracker.
+    """
     t, rows = frame.state.trackers, frame.rows[owner]
     after = moved(
         ellipses[:, None],
@@ -157,9 +173,9 @@ def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> F
 
 
 def _weighed(frame: ViewFrame, ellipses: Floats, owner: Ints) -> tuple[Floats, Floats]:
-    """Return (P,) colour similarities and (P,) local log likelihoods of ellipses (P, 5) of targets `owner` (P,).
+    """Return (P,) colour similarities, 0 to 1, and (P,) local log likelihoods of `ellipses` (P, 5) in the view's frame.
 
-    `owner` are numbers from 0 to n - 1 among the view's targets.
+    Ellipse p is of the view's target `owner[p]`, 0 to n - 1.
     """
     boxes = np.concatenate([boxes_of(ellipses[None, owner == i]) for i in range(len(frame.rows))])
     return local_likelihood(frame.state, frame.frames, frame.arrival.own, boxes, ellipses, frame.rows[owner])

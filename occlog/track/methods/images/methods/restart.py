@@ -46,7 +46,12 @@ SAME_TARGET_RADII = 0.5
 
 
 def affine_maps(state: VisualState, estimate: Floats) -> Floats:
-    """(n, 2, 3) maps from recorded to undistorted pixels, linearised at the centres of `estimate` (n, 5)."""
+    """Return (n, 2, 3) affine transformations from recorded to undistorted pixels, linearised at n ellipse centres.
+
+    Args:
+        state: trackers and lenses; tracker i is in view `state.trackers.view[i]`.
+        estimate: (n, 5) ellipse of each tracker, at whose centre its transformation is exact.
+    """
     t = state.trackers
     out = np.repeat(IDENTITY[None], len(t.view), axis=0)
     for v, ideal in enumerate(state.geometry.ideal):
@@ -63,10 +68,10 @@ def affine_maps(state: VisualState, estimate: Floats) -> Floats:
 
 
 def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> ImageTrackers:
-    """Check the estimates of all counterparts against each other, and say which counterparts are good.
+    """Return the trackers after the loop check of all counterparts, with their good or bad status, [Qu] Sec. 3.4.2.
 
-    The first check of a pair decides at once.  After that a good counterpart becomes bad when
-    `bad_after` checks in a row fail, and a bad one good when `good_after` in a row hold.
+    The first check of a pair decides at once. After that a good counterpart becomes bad when `bad_after` checks in a
+    row fail, and a bad one good when `good_after` in a row pass.
 
     Args:
         state: trackers after the frame.
@@ -81,9 +86,9 @@ def check_loops(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Im
 
 
 def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> ImageTrackers:
-    """Return the trackers after a first loop check of the pairs that were never checked, which decides their status.
+    """Return the trackers after a first loop check of the pairs of counterparts that have never been checked.
 
-    Other pairs keep theirs.
+    This check decides at once whether the pair is good; other pairs keep their status.
     """
     t = state.trackers
     good, streak, checked = _first(t, _check(state, config, np.ones(len(t.view), dtype=np.bool_)), t.good, t.streak)
@@ -91,7 +96,10 @@ def check_new_pairs(state: VisualState, config: LoopCheckConfig) -> ImageTracker
 
 
 def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
-    """Return (n, V) outcomes of `loop_check`; `UNKNOWN` where one of both estimates is not `fresh` (n,)."""
+    """Return (n, V) outcomes of the loop check of each tracker with its counterpart in each view.
+
+    They are `TOGETHER`, `APART` or `UNKNOWN`; `UNKNOWN` too where one of the two estimates is not `fresh` (n,).
+    """
     t = state.trackers
     found = loop_check(
         t.estimate,
@@ -107,27 +115,37 @@ def _check(state: VisualState, config: LoopCheckConfig, fresh: Bools) -> Ints:
 def _first(t: ImageTrackers, check: Ints, good: Bools, streak: Ints) -> tuple[Bools, Ints, Bools]:
     """Return `good`, `streak` and `checked` (n, V), where the first check of a pair decides its status at once.
 
-    `check` (n, V) are the outcomes, `good` and `streak` the status after them of pairs that were checked before.
+    Args:
+        t: n trackers before the check.
+        check: (n, V) outcomes of the loop check.
+        good: (n, V) status after the check by the rule for pairs that were checked before.
+        streak: (n, V) checks in a row that contradict the status, by that rule.
     """
     first = ~t.checked & (check != UNKNOWN)
     return np.where(first, check == TOGETHER, good), np.where(first, 0, streak), t.checked | first
 
 
 def counterpart_status(t: ImageTrackers) -> Ints:
-    """Return (n,) counterpart status: `GOOD` with a good one, `BAD` with bad ones only, `NONE` without checked ones."""
+    """Return (n,) status of each tracker's counterparts in other views.
+
+    `GOOD` with a good one, `BAD` with checked ones that are all bad, `NONE` without a checked one.
+    """
     return np.where(t.good.any(axis=1), GOOD, np.where(t.checked.any(axis=1), BAD, NONE))
 
 
 def assisting_views(t: ImageTrackers, fresh: Bools) -> Ints:
-    """Return (n, V) row of the assisting tracker in each view: a good counterpart with a fresh estimate, `fresh` (n,).
+    """Return (n, V) rows of the trackers that may help each tracker from each view; -1: none.
 
-    The row is -1 for a view without one.
+    A counterpart may help if it is good by the loop check and its estimate is `fresh` (n,).
     """
     return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
 
 
 def nearest(t: ImageTrackers) -> Floats:
-    """Return (n,) distances to the nearest tracker of the same view, in sums of radii; inf for none."""
+    """Return (n,) distances of trackers to the nearest tracker of the same view; inf if there is none.
+
+    The unit is the sum of the two radii along the line between the centres.
+    """
     return np.asarray(
         np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1, initial=np.inf)
     )
@@ -144,7 +162,9 @@ EVERY = 5
 def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> VisualState:
     """Return the state after the restart of the first tracker that is wrong and for which a position is found.
 
-    Without such a tracker it is `state`.
+    A tracker is wrong if all its checked counterparts are bad, and it is at another tracker or unlike its target. It
+    moves to the most similar position on the epipolar line of a counterpart that is clear of others. Without such a
+    tracker the result is `state`.
 
     Args:
         state: trackers after the frame.
@@ -169,19 +189,26 @@ def restart_one(state: VisualState, config: BmctConfig, frames: FrameSet) -> Vis
 
 
 def _views_agree(t: ImageTrackers, i: int, j: int) -> bool:
-    """Return whether at least half of the checked pairs between the views of trackers `i` and `j` (rows) are good.
+    """Return whether at least half of the checked pairs of trackers between the views of trackers `i` and `j` are good.
 
-    The geometry of the two views then fits.
+    The fundamental matrix between the two views then seems right. `i` and `j` are rows of `t`.
     """
     pairs = (t.view == t.view[i]) & t.checked[:, t.view[j]]
     return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
 
 
 def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, frames: FrameSet) -> Floats | None:
-    """Return the ellipse on an epipolar line that is most similar in colours to the target of tracker `i`.
+    """Return the ellipse (5,) on an epipolar line that is most similar in colours to the target of tracker `i`.
 
-    The line is that of tracker `guide`, a counterpart; positions outside the image or at other trackers do not count.
-    None if the similarity is below `restart_similarity`, or without a frame.
+    None if the similarity is below `restart_similarity`, or without a frame. Positions outside the image or at other
+    trackers do not count.
+
+    Args:
+        state: trackers after the frame; the view's map of colour bins is updated in place.
+        config: settings of the method.
+        i: row of the tracker.
+        guide: row of its counterpart in another view, the source of the line.
+        frames: frames of this time step.
     """
     t, v = state.trackers, int(state.trackers.view[i])
     view = state.views[v]
@@ -201,9 +228,10 @@ def _best_place(state: VisualState, config: BmctConfig, i: int, guide: int, fram
 
 
 def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) -> Floats:
-    """Return (K, 5) ellipses, `STEP_PX` apart, along the epipolar line in tracker i's view of its counterpart `guide`.
+    """Return (K, 5) ellipses `STEP_PX` apart along the epipolar line of counterpart `guide` in tracker i's view.
 
-    They have tracker i's reference axes and angle, and reach as far as the image is large, both ways from its estimate.
+    They have the half axes and angle of tracker i at its start, and reach both ways from its estimate as far as the
+    image diagonal. `i` and `guide` are rows of the trackers.
     """
     t, bottom = state.trackers, config.bottom
     maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
@@ -221,9 +249,9 @@ def _places_on_line(state: VisualState, config: BmctConfig, i: int, guide: int) 
 
 
 def _moved_to(t: ImageTrackers, i: int, position: Floats) -> ImageTrackers:
-    """Return the trackers with tracker `i` (row) moved to `position` (5,) at zero velocity; a copy.
+    """Return a copy of the trackers with tracker `i` (row) moved to ellipse `position` (5,) at zero velocity.
 
-    Its counterparts stay bad until checks succeed in a row.
+    Its pairs with counterparts become bad, and stay so until checks pass in a row.
     """
     out = ImageTrackers._make(field.copy() for field in t)
     out.particles[i], out.estimate[i] = position, position
@@ -236,22 +264,22 @@ def _moved_to(t: ImageTrackers, i: int, position: Floats) -> ImageTrackers:
 
 
 def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: Floats, rng: Generator) -> Floats:
-    """Move a share of the particles, or all after a loss, to the epipolar lines of the last estimates in other views.
+    """Return particles with a share of them, or all after a loss, moved to the epipolar lines of other views.
 
-    A target counts as lost when the similarity of its estimate is below `max_similarity_to_search`, or when
-    its estimate is nearer than `SAME_TARGET_RADII` to another tracker while a counterpart is bad: of two
-    targets of similar appearance the tracker then has the wrong one.  Only counterparts that had a
-    frame in the last frame period give a line.
+    A target counts as lost when the colour similarity of its estimate is below `max_similarity_to_search`, or when its
+    estimate is nearer than `SAME_TARGET_RADII` to another tracker while a counterpart is bad: of two targets of similar
+    appearance the tracker then has the wrong one. Only counterparts that had a frame in the last frame period give a
+    line.
 
     Args:
         state: trackers before the frame.
         c: settings.
-        particles: (n, N, 5) after the motion.
+        particles: (n, N, 5) ellipses after the motion.
         gap: (n,) frames since the last one.
-        rng: draws (n, N, 2) standard normal numbers.
+        rng: generator of the random numbers drawn.
 
     Returns:
-        (n, N, 5); a tracker without a line keeps its particles.
+        (n, N, 5) ellipses; a tracker without a line keeps its particles.
     """
     t = state.trackers
     expected = t.estimate.copy()
@@ -275,12 +303,13 @@ def propose_on_lines(state: VisualState, c: CmctConfig, particles: Floats, gap: 
 
 
 def adapt_colours(state: VisualState, c: CmctConfig, here: Bools) -> ImageTrackers:
-    """Move the colours of trackers towards those in their estimates: new = (1 - adapt) old + adapt found.
+    """Return the trackers with colour histograms moved towards those in their estimates.
 
-    Estimates count where they are similar enough (`min_similarity_to_adapt`).
+    The new histogram is (1 - r) old + r found, r the setting `appearance_learning_rate`, where the estimate's
+    similarity is at least `min_similarity_to_adapt`.
 
     Args:
-        state: trackers after the frame.
+        state: trackers after the frame, and colour maps of the views.
         c: settings.
         here: (n,) trackers with a frame of their view; the others keep their colours.
     """

@@ -62,10 +62,10 @@ def learn_appearance(
     births: Sequence[Birth],
     config: MipfConfig,
 ) -> AppearanceModels:
-    """Learn models of new trackers, and forget those of trackers that are not kept; nothing for `model=colour`.
+    """Return the patch models of the trackers kept and of the new ones; for `model=colour` those given, unchanged.
 
     Args:
-        appearance: models so far.
+        appearance: models so far, by (view, target).
         kept: trackers that go on.
         frames: frames of the time step, in which the targets of the births are.
         births: new trackers; one without a frame of its view gets no model.
@@ -86,13 +86,15 @@ def learn_appearance(
 def log_patches(
     image: Image, ellipses: Floats, owner: Ints, models: Sequence[PatchModels], config: MipfConfig
 ) -> Floats:
-    """(P,) log p_p of ellipses in one view's frame, [Qu] Sec. 3.3.
+    """Return (P,) log likelihoods p_p of the grey patches inside ellipses in one view's frame, [Qu] Sec. 3.3.
+
+    The log density of a patch is multiplied by `pca_power` / pixels, as neighbouring pixels are not independent.
 
     Args:
         image: the frame.
-        ellipses: (P, 5) the ellipses.
-        owner: (P,) row of the models for each ellipse.
-        models: densities of the patches of each target.
+        ellipses: (P, 5) centre and half axes [px], angle of the first axis [rad].
+        owner: (P,) index in `models` of each ellipse's target.
+        models: patch density of each target.
         config: settings of the method.
     """
     power = config.pca_power / len(disc_points())
@@ -104,22 +106,25 @@ OUTSIDE = 255
 
 
 class OwnRegions(NamedTuple):
-    """Detected regions assigned to one of n trackers each."""
+    """Detected regions of n trackers: a tracker has one where both have only each other within reach.
+
+    `has` (n,): whether the tracker has a region; `region` (n, 5): its ellipse, NaN where it has none.
+    """
 
     has: Bools  # (n,) whether the tracker has one
     region: Floats  # (n, 5) NaN: none
 
 
 def mask_outside(bins: Bytes, boxes: Ints, frames: FrameSet, view: int) -> None:
-    """Set the pixels of a view's map that belong to no target to `OUTSIDE`.
+    """Set the bins of a view's colour map that belong to no target to `OUTSIDE`, in place.
 
-    These are the pixels that the view's mask calls background, and those in no region's box.
+    These are the pixels that the view's foreground mask calls background, and those in no detected region's box.
 
     Args:
-        bins: (H, W) changed in place, inside the boxes only.
-        boxes: (n, 4) left, top, right, bottom, half-open.
+        bins: (H, W) colour bin of each pixel; changed inside the boxes only.
+        boxes: (n, 4) left, top, right, bottom [px], half-open.
         frames: frames of the time step, with their masks and regions.
-        view: owner of the map.
+        view: number of the view.
     """
     regions = frames.regions[view] if frames.regions else None
     mask = frames.masks[view] if frames.masks else None
@@ -136,15 +141,15 @@ def mask_outside(bins: Bytes, boxes: Ints, frames: FrameSet, view: int) -> None:
 
 
 def is_masked(frames: FrameSet, view: int) -> bool:
-    """Return whether `mask_outside` may change the view's map of colour bins."""
+    """Return whether a view's frame has a foreground mask or detected regions, which limit where colours count."""
     regions = bool(frames.regions) and frames.regions[view] is not None
     return regions or (bool(frames.masks) and frames.masks[view] is not None)
 
 
 def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
-    """Set the bins (H, W) in boxes (n, 4) but not `inside` (H, W) to `OUTSIDE`, in place.
+    """Set the bins (H, W) that lie in a box but not `inside` (H, W) to `OUTSIDE`, in place.
 
-    Boxes are left, top, right and bottom, half-open.
+    `boxes` (n, 4) are left, top, right and bottom [px], half-open.
     """
     for left, top, right, bottom in boxes.tolist():
         part = slice(max(top, 0), max(bottom, 0)), slice(max(left, 0), max(right, 0))
@@ -152,13 +157,13 @@ def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
 
 
 def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) -> OwnRegions:
-    """Return the regions and trackers that have only each other within reach.
+    """Assign detected regions to the trackers with which they have only each other within reach.
 
     Args:
         frames: frames of the time step, with their regions.
-        view: (n,) views of the trackers.
-        expected: (n, 5) expected ellipses of the trackers.
-        reach: largest distance of the centres in sums of radii.
+        view: (n,) view of each tracker.
+        expected: (n, 5) ellipses of the trackers expected in these frames.
+        reach: largest distance of the centres, in sums of the two radii along the line between them.
     """
     out = np.full((len(view), 5), np.nan)
     for v, regions in enumerate(frames.regions):
@@ -173,14 +178,14 @@ def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) ->
 
 
 def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share: float, spread: float) -> Floats:
-    """Redraw a share of each tracker's particles at its own region.
+    """Return particles with a share of each tracker's redrawn at its own region, with the region's size and angle.
 
     Args:
-        particles: (n, N, 5) ellipses, N particles of each tracker.
-        own: regions of the trackers; one without keeps its particles.
-        normals: (n, N, 5) from N(0, 1).
+        particles: (n, N, 5) ellipses, N particles of each tracker; not changed.
+        own: detected regions of the trackers; a tracker without one keeps its particles.
+        normals: (n, N, 5) standard normal numbers.
         share: share of the particles that are redrawn, 0 to 1.
-        spread: standard deviation of their centres over the region's radius.
+        spread: standard deviation of their centres, as a multiple of the region's radius.
     """
     count = round(share * particles.shape[1])
     if not own.has.any():
@@ -194,13 +199,15 @@ def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share:
 
 
 def log_region_likelihood(ellipses: Floats, own: OwnRegions, owner: Ints, spread: float) -> Floats:
-    """(P,) log likelihood, without its constant, of the distance of ellipses from their tracker's own region.
+    """Return (P,) log likelihoods, up to a constant, of the distances of ellipses from their tracker's own region.
+
+    The distance is normal with the standard deviation `spread` times the region's radius sqrt(a b) in each direction.
 
     Args:
         ellipses: (P, 5) the ellipses.
-        own: regions of n trackers; 0 without one.
-        owner: (P,) row of each one's tracker.
-        spread: standard deviation of the distance over the region's radius.
+        own: detected regions of n trackers; the result is 0 for a tracker without one.
+        owner: (P,) index of each ellipse's tracker.
+        spread: standard deviation over the region's radius.
     """
     if not own.has.any():
         return np.zeros(len(ellipses))
@@ -219,7 +226,11 @@ NO_APPEARANCE: AppearanceModels = {}
 
 
 class ImageTrackers(NamedTuple):
-    """State of n trackers, in the order of view and target."""
+    """State of n trackers, one for each target in each view that shows it, in the order of view and target.
+
+    An ellipse is (cx, cy, a, b, rho): centre and half axes [px], angle rho [rad] of axis a. A counterpart is the
+    tracker of the same target in another view; the loop check ([Qu] Sec. 3.4.2) decides whether it is good.
+    """
 
     view: Ints  # (n,)
     target: Ints  # (n,)
@@ -239,7 +250,7 @@ class ImageTrackers(NamedTuple):
 
 
 class FrameClock(NamedTuple):
-    """Times of the latest frames of V views."""
+    """Times of the latest frames of V views and intervals between them, from which frame periods are estimated."""
 
     t_ns: Ints  # (V,) of the last one; -1: none yet
     interval_ns: Floats  # (V, INTERVALS) between the last ones; NaN: not known
@@ -258,11 +269,11 @@ class VisualState(NamedTuple):
 
 
 def initial_state(views: Sequence[TrackedView], geometry: ViewGeometry, config: MipfConfig) -> VisualState:
-    """Make a state without trackers.
+    """Return the state of tracking in V views before the first frame: no trackers, and empty colour maps.
 
     Args:
         views: V views.
-        geometry: fundamental matrices between the views.
+        geometry: fundamental matrices between the views; missing directions are filled in by transposing.
         config: settings of the method.
     """
     n = len(views)
@@ -274,7 +285,7 @@ def initial_state(views: Sequence[TrackedView], geometry: ViewGeometry, config: 
 
 
 def both_directions(geometry: ViewGeometry) -> ViewGeometry:
-    """Fill each unknown fundamental matrix with the transpose of the opposite direction's, F_ba = F_ab^T."""
+    """Return the geometry with each unknown fundamental matrix replaced by the opposite direction's, F_ba = F_ab^T."""
     given = np.array(geometry.fundamental, dtype=np.float64)
     back = given.transpose(1, 0, 3, 2)
     return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3), keepdims=True), back, given))
@@ -283,13 +294,13 @@ def both_directions(geometry: ViewGeometry) -> ViewGeometry:
 def _at_rest(
     view: Ints, target: Ints, ellipse: Floats, colours: Floats, split: Bools, views: int, config: MipfConfig
 ) -> ImageTrackers:
-    """Return n trackers with all particles at their ellipses, zero velocity and no counterparts.
+    """Return n new trackers with all particles at their ellipses, zero velocity and no counterparts.
 
     Args:
-        view: (n,) index of the view.
-        target: (n,) identity.
-        ellipse: (n, 5) ellipses of the trackers.
-        colours: (n, WIDTH) from `colours_in`.
+        view: (n,) index of each tracker's view.
+        target: (n,) identities.
+        ellipse: (n, 5) ellipses: centre and half axes [px], angle [rad].
+        colours: (n, WIDTH) colour histograms, from `colours_in`.
         split: (n,) the colours are those of the upper and the lower half.
         views: V, the number of views.
         config: settings of the method.
@@ -315,7 +326,9 @@ def _at_rest(
 
 
 def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
-    """Add trackers with the colours in the frames; one of the same view and target is replaced.
+    """Return the state with a tracker for each birth, with the colours in the frames, and updated frame times.
+
+    A tracker of the same view and target is replaced.
 
     Raises:
         ValueError: the view of a birth has no frame.
@@ -333,12 +346,15 @@ def add_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) 
 
 
 def keys_of(trackers: ImageTrackers) -> list[TrackerKey]:
-    """Return (view, target) of each tracker."""
+    """Return the (view, target) of each tracker, in order."""
     return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
 
 
 def _initiated(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> ImageTrackers:
-    """Return trackers at the ellipses of the births (n of them), with the colours there in the frames."""
+    """Return new trackers at the ellipses of the n births, with the colours there in the frames.
+
+    The views' maps of colour bins are updated in place. ValueError if the view of a birth has no frame.
+    """
     config = state.config
     ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
     split = upright(ellipse, config.halves)
@@ -358,7 +374,10 @@ def _initiated(state: VisualState, frames: FrameSet, births: Sequence[Birth]) ->
 
 
 def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> Bytes:
-    """Bring a view's map of colour bins up to date inside `boxes` (n, 4), in place, and return it (H, W).
+    """Update a view's map of colour bins from its frame inside `boxes`, in place, and return it (H, W).
+
+    Pixels outside detected regions or the foreground mask get the bin `OUTSIDE`. `boxes` (n, 4) are left, top, right
+    and bottom [px], half-open.
 
     Raises:
         ValueError: the view has no frame.
@@ -372,7 +391,10 @@ def update_map(state: VisualState, frames: FrameSet, view: int, boxes: Ints) -> 
 
 
 def _paired(trackers: ImageTrackers, views: int) -> ImageTrackers:
-    """Return the trackers with counterparts in `views` views; the loop check starts over for pairs that changed."""
+    """Return the trackers with their counterparts in all `views` (V) views paired again.
+
+    Pairs that changed count as never checked.
+    """
     row = {key: i for i, key in enumerate(keys_of(trackers))}
     counterpart = np.full((len(trackers.view), views), -1)
     for (view, target), i in row.items():
@@ -389,7 +411,7 @@ def _paired(trackers: ImageTrackers, views: int) -> ImageTrackers:
 
 
 def keep_trackers(state: VisualState, keep: Bools) -> VisualState:
-    """Return the state without the trackers for which `keep` (n,) is false."""
+    """Return the state without the trackers for which `keep` (n,) is false; `state` itself if all are kept."""
     if keep.all():
         return state
     trackers = _paired(ImageTrackers._make(field[keep] for field in state.trackers), len(state.views))
@@ -403,7 +425,10 @@ def end_trackers(state: VisualState, keys: Sequence[TrackerKey]) -> VisualState:
 
 
 def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
-    """Return the state with the latest frame times of the views; frames of a known time change nothing."""
+    """Return the state with the times of this time step's frames as the latest ones of their views.
+
+    Frames at a view's latest time, and views without a frame, change nothing.
+    """
     clock = state.clock
     have = np.array([image is not None for image in frames.images]) & (clock.t_ns != frames.t_ns)
     interval = np.where(clock.t_ns >= 0, frames.t_ns - clock.t_ns, np.nan)
@@ -417,14 +442,14 @@ def advance_clock(state: VisualState, frames: FrameSet) -> VisualState:
 
 
 def gaps(clock: FrameClock, t_ns: int) -> Floats:
-    """Return (V,) frames of each view from its latest frame to a time: whole numbers from 1 to `LONGEST`, as floats."""
+    """Return (V,) numbers of frames from each view's latest frame to time `t_ns`: whole, 1 to `LONGEST`, as floats."""
     return np.clip(np.round(ages(clock, t_ns)), 1.0, LONGEST)
 
 
 def ages(clock: FrameClock, t_ns: int) -> Floats:
-    """(V,) time at `t_ns` since each view's last frame, over the median of its last intervals; 1 if that is unknown.
+    """Return (V,) times from each view's latest frame to time `t_ns`, in frame periods of the view; 1 where unknown.
 
-    Of an even number of intervals the upper one of the two in the middle counts.
+    The frame period is the median of the last intervals, the upper of the middle two for an even number.
     """
     out = np.ones(len(clock.t_ns))
     for v, (last, row) in enumerate(zip(clock.t_ns.tolist(), clock.interval_ns.tolist(), strict=True)):
@@ -435,9 +460,9 @@ def ages(clock: FrameClock, t_ns: int) -> Floats:
 
 
 def with_geometry(state: VisualState, geometry: ViewGeometry) -> VisualState:
-    """Replace the geometry by one of the same views with fewer matrices.
+    """Return the state with another geometry of the same views, with fewer fundamental matrices.
 
-    Counterparts in views without matrices in either direction are neither good nor checked any more.
+    Counterparts in views between which no matrix is left in either direction are neither good nor checked any more.
     """
     known: Bools = np.asarray(np.isfinite(geometry.fundamental).all(axis=(2, 3)))
     t = state.trackers

@@ -29,7 +29,7 @@ from .weigh import FrameContext, TrackerParticles, arrival_of, local_weights, si
 def initiate_trackers(state: VisualState, frames: FrameSet, births: Sequence[Birth]) -> VisualState:
     """Return the state with a tracker for each birth; the view of each must have a frame (else ValueError).
 
-    Where the method checks the loop of views, new pairs are checked at once.
+    A method with the loop check makes the first check of the new pairs of counterparts at once.
     """
     state, config = add_trackers(state, frames, births), state.config
     if isinstance(config, LoopCheckConfig):
@@ -41,12 +41,13 @@ def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[Visua
     """Update all trackers with the frames of one time step, which must be later than those of their births.
 
     Args:
-        state: its buffers belong to the next state afterwards.
+        state: state before; its buffers belong to the next state afterwards, so do not use it again.
         frames: frames of the time step, at most one for each view.
-        rng: all random numbers are drawn from it.
+        rng: generator of all random numbers drawn.
 
     Returns:
-        The next state, without the trackers that ended, and the estimates of this time.
+        The next state, without the trackers that ended, and the ellipses of all trackers with a frame in this time
+        step.
     """
     config, arrival = state.config, arrival_of(state, frames)
     # Propose, weigh, estimate, resample
@@ -60,9 +61,17 @@ def advance(state: VisualState, frames: FrameSet, rng: Generator) -> tuple[Visua
 def advance_with(
     state: VisualState, frames: FrameSet, arrival: FrameContext, samples: TrackerParticles
 ) -> tuple[VisualState, TrackerOutlines]:
-    """Update all trackers with the weighted particles of one time step: `advance` without the proposal and weighting.
+    """Update all trackers with particles that were already proposed and weighted: the second half of `advance`.
 
-    Return the next state, without the trackers that ended, and the estimates of this time.
+    Args:
+        state: state before; not to be used again.
+        frames: frames of the time step.
+        arrival: which trackers have a frame, and the time since their last one.
+        samples: weighted and resampled particles of all trackers.
+
+    Returns:
+        The next state, without the trackers that ended, and the ellipses of all trackers with a frame in this time
+        step.
     """
     config, here = state.config, arrival.here
     after = _updated(state.trackers, arrival, samples, config)
@@ -86,9 +95,15 @@ def advance_with(
 
 
 def _updated(t: ImageTrackers, arrival: FrameContext, samples: TrackerParticles, config: MipfConfig) -> ImageTrackers:
-    """Return the trackers with this frame's particles and estimates, and with updated velocity, path, size and `weak`.
+    """Return the trackers with this frame's particles and estimates, and with updated velocity, path and size.
 
-    `t` are the trackers before the frame.
+    The counter `weak` of frames in which no particle has the target's colours is updated, too.
+
+    Args:
+        t: trackers before the frame.
+        arrival: frames since the last one of each tracker, and its own detected region.
+        samples: weighted and resampled particles.
+        config: settings of the method.
     """
     # Update the velocity: exponential mean of the displacements
     step = (samples.estimate[:, :2] - t.estimate[:, :2]) / arrival.gap[:, None]
@@ -119,15 +134,15 @@ def _where(rows: Bools, one: ImageTrackers, other: ImageTrackers) -> ImageTracke
 
 
 def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
-    """Return the end event of each tracker ([Qu] Sec. 3.4.3): `LEFT`, `TERMINATED`, or 0 for those that go on.
+    """Return (n,) end events of the trackers, [Qu] Sec. 3.4.3: `LEFT`, `TERMINATED`, or 0 for those that go on.
 
-    A target has left when the centre is outside the image, or when it was lost while the
-    ellipse reaches over the edge.  It was lost when no particle has had its colours for
-    `max_lost_frames` frames in a row; but a tracker with a good counterpart goes on.
+    A target has left when the centre is outside the image, or when it was lost while the ellipse reaches over the edge.
+    It was lost when no particle has had its colours for `max_lost_frames` frames in a row (0: never); but a tracker
+    with a good counterpart in another view goes on.
 
     Args:
         t: n trackers after the frame.
-        size: (n, 2) width and height of each one's image [px].
+        size: (n, 2) width and height of each tracker's image [px].
         config: settings of the method.
     """
     centre, reach = t.estimate[:, :2], t.estimate[:, 2:4].max(axis=1)[:, None]
@@ -138,9 +153,13 @@ def end_events(t: ImageTrackers, size: Floats, config: MipfConfig) -> Ints:
 
 
 def _outlines(state: VisualState, here: Bools, samples: TrackerParticles, event: Ints) -> TrackerOutlines:
-    """Return output rows of the trackers `here` (n,), which have a frame of their view.
+    """Return the output ellipses of the trackers `here` (n,), which have a frame of their view in this time step.
 
-    `event` (n,) is the lifecycle.
+    Args:
+        state: state after the frame, still with the trackers that end.
+        here: (n,) whether the tracker's view has a frame.
+        samples: estimates and particles of all trackers.
+        event: (n,) end event of each tracker, 0: it goes on.
     """
     t, rows, checked = state.trackers, np.flatnonzero(here), isinstance(state.config, LoopCheckConfig)
     return TrackerOutlines(

@@ -55,7 +55,7 @@ MAX_ESTIMATE_AGE_PERIODS = 1.5
 
 
 class FrameContext(NamedTuple):
-    """Frames of one time step as used by n trackers."""
+    """What n trackers need to know of a time step: which have a frame, the time since the last one, and own regions."""
 
     here: Bools  # (n,) whether the view has a frame
     age: Floats  # (n,) time since the view's last frame [frame periods]
@@ -64,12 +64,15 @@ class FrameContext(NamedTuple):
 
     @property
     def fresh(self) -> Bools:
-        """(n,) whether the estimate is recent enough to help other views."""
+        """Return (n,) booleans: whether the estimate is recent enough to help other views.
+
+        It has a frame in this time step, or the last one is less than 1.5 frame periods old.
+        """
         return self.here | (self.age < MAX_ESTIMATE_AGE_PERIODS)
 
 
 class LocalWeights(NamedTuple):
-    """Particles of n trackers after the proposal, and their local likelihoods."""
+    """Proposed particles (n, N, 5) of n trackers, with their colour similarities and local log likelihoods (n, N)."""
 
     particles: Floats  # (n, N, 5)
     similarities: Floats  # (n, N) of the colours; 1 where there is no frame
@@ -77,7 +80,10 @@ class LocalWeights(NamedTuple):
 
 
 def arrival_of(state: VisualState, frames: FrameSet) -> FrameContext:
-    """Return, for the n trackers, which have a frame in this time step, how old their last is, and own regions."""
+    """Return which of the n trackers have a frame in this time step, how old their last one is, and own regions.
+
+    Own regions are detected regions near the ellipse expected in this frame that belong to one tracker only.
+    """
     t = state.trackers
     here = np.array([image is not None for image in frames.images])[t.view]
     age, gap = ages(state.clock, frames.t_ns)[t.view], gaps(state.clock, frames.t_ns)[t.view]
@@ -87,9 +93,15 @@ def arrival_of(state: VisualState, frames: FrameSet) -> FrameContext:
 
 
 def local_weights(state: VisualState, frames: FrameSet, arrival: FrameContext, rng: Generator) -> LocalWeights:
-    """Propose particles of all trackers for the frames, and weigh them by the images alone.
+    """Propose particles of all trackers for this time step's frames, and weigh them by the images alone.
 
-    Trackers without a frame in this time step are only moved on. `arrival` is from `arrival_of`.
+    Particles of trackers without a frame only move on at the tracker's velocity.
+
+    Args:
+        state: trackers before the frames; its colour maps are updated in place.
+        frames: frames of the time step.
+        arrival: which trackers have a frame, from `arrival_of`.
+        rng: generator of the random numbers drawn.
     """
     t, c = state.trackers, state.config
     # Propose: by the motion, p(x_t | x_t-1), over as many frames as are missing
@@ -134,18 +146,18 @@ def motion_of(config: MipfConfig) -> EllipseMotion:
 def local_likelihood(
     state: VisualState, frames: FrameSet, own: OwnRegions, boxes: Ints, ellipses: Floats, owner: Ints
 ) -> tuple[Floats, Floats]:
-    """Local likelihood p_c p_p of colours and patches ([Qu] Sec. 3.3), times a pull to the own region.
+    """Return (P,) colour similarities of ellipses in one view's frame, and (P,) their local log likelihoods.
+
+    The likelihood is that of colours and grey patches, p_c p_p of [Qu] Sec. 3.3, times a pull towards the tracker's own
+    detected region, without its constant. Similarities are Bhattacharyya coefficients, 0 to 1.
 
     Args:
-        state: trackers before the frame.
-        frames: of one time; the view of the ellipses has a frame.
-        own: regions of the n trackers.
-        boxes: (K, 4) that hold all pixels of the ellipses, in which the map of bins is brought up to date.
-        ellipses: (P, 5) in one view, P > 0.
-        owner: (P,) row of each one's tracker, 0 to n - 1.
-
-    Returns:
-        (P,) Bhattacharyya coefficients of the colours, and (P,) log likelihoods without their constant.
+        state: trackers before the frame; the view's colour map is updated in place.
+        frames: frames of one time step; the view of the ellipses has one.
+        own: detected regions of the n trackers.
+        boxes: (K, 4) left, top, right, bottom [px] of boxes that hold all pixels of the ellipses.
+        ellipses: (P, 5) in one view, P > 0: centre and half axes [px], angle of the first axis [rad].
+        owner: (P,) row of each ellipse's tracker, 0 to n - 1.
     """
     t, c, v = state.trackers, state.config, int(state.trackers.view[owner[0]])
     bins = update_map(state, frames, v, boxes)
@@ -176,7 +188,10 @@ NEVER = -1.0
 
 
 class TrackerParticles(NamedTuple):
-    """Weighted particles of n trackers in one frame, with estimates and helper views."""
+    """Weighted particles (n, N, 5) of n trackers in one frame, their mean ellipses, and the views that helped.
+
+    `weights` are those of the particles before resampling, `resampled` are particles of equal weight.
+    """
 
     weights: Floats  # (n, N) w of [Qu] Eq. 4; each row sums to 1
     estimate: Floats  # (n, 5) weighted means
@@ -190,14 +205,15 @@ class TrackerParticles(NamedTuple):
 
 
 def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: Generator) -> TrackerParticles:
-    """Weigh by the local likelihood, the interaction of trackers that touch and the other views; resample.
+    """Weigh proposed particles by images, touching trackers and other views, and resample them, [Qu] Alg. 1.
 
-    A target that is close to others in all views is worked out in the views in turn, in random order ([Qu] Sec. 3.2).
+    Which of these parts apply depends on the class of the method's settings. Targets close to others in all views are
+    worked out in several sweeps over the views, in random order ([Qu] Sec. 3.2).
 
     Args:
         state: trackers before the frame.
-        arrival: frames of the time step as used by the n trackers.
-        local: weights by the images alone.
+        arrival: which of the n trackers have a frame.
+        local: proposed particles and their weights by the images alone.
         rng: generator of the random order and of the resampling.
     """
     c, order, sweeps = state.config, np.arange(len(state.views)), 1
@@ -224,12 +240,14 @@ def weigh(state: VisualState, arrival: FrameContext, local: LocalWeights, rng: G
 
 
 def weighing_model(state: VisualState, arrival: FrameContext, local: LocalWeights) -> WeighingModel:
-    """Return the terms of the weights other than the local likelihood, from the temporary estimates of [Qu] Alg. 1.
+    """Return the parameters of interaction and collaboration for a frame, from the temporary estimates of [Qu] Alg. 1.
+
+    The temporary estimates are the means by the local likelihood. Parts that a method does not have are switched off.
 
     Args:
         state: trackers before the frame.
-        arrival: frames of the time step as used by the n trackers.
-        local: weights by the images alone.
+        arrival: which of the n trackers have a frame, and how old their last is.
+        local: proposed particles and their weights by the images alone.
     """
     t, c = state.trackers, state.config
     first = weights_and_means(local.particles, local.log_local)[1]

@@ -35,7 +35,7 @@ MAX_AHEAD = 8
 
 
 class CameraSurvey(NamedTuple):
-    """Image size, frame period and first frames of a camera, read before tracking."""
+    """What the first frames of a camera show before tracking: image size, frame period and frame numbers."""
 
     view: TrackedView
     period_ns: int  # median of the first frames; 0: there is one frame only
@@ -52,7 +52,7 @@ class MaskedImage(NamedTuple):
 
 
 class FrameSetImages(NamedTuple):
-    """Images of all views at one time step."""
+    """Images of all V views at one time step, with the own time of each frame, and the frames that cannot be used."""
 
     frames: FrameSet
     t_ns: Ints  # (V,) each frame's own time; -1: no frame
@@ -68,12 +68,14 @@ def survey(
 ) -> CameraSurvey:
     """Read the first frames of a camera for its image size, frame period and first number.
 
+    Reading stops after `STAMPS` frames, once one could be decoded and all `wanted` numbers were found.
+
     Args:
         name: name of the camera.
-        frames: frames of the camera; no more are read than are needed.
-        camera: of the scene, with the image size of the video; None: it is not in the scene.
+        frames: frames of the camera in the order of time.
+        camera: the scene's camera, to compare image sizes; None: it is not in the scene.
         wanted: numbers of frames that must be there.
-        bits: significant bits of 16-bit images.
+        bits: significant bits of 16-bit images; None: such images are not usable.
 
     Raises:
         InputError: the camera has no frame that can be decoded, or its images do not fit the scene's.
@@ -122,15 +124,17 @@ def in_step(
     bits: int | None = None,
     background: Sequence[BackgroundModel | None] = (),
 ) -> Iterator[FrameSetImages]:
-    """Generate time steps in the order of time, decoded a little ahead; the result does not depend on `workers`.
+    """Generate the frames of all views time step by time step, decoded a little ahead on threads.
+
+    The result does not depend on `workers`.
 
     Args:
-        frames: of all cameras, in the order of time; those of cameras that are not among the views are omitted.
+        frames: frames of all cameras, in the order of time; those of cameras that are not among the views are omitted.
         views: V views; images of another size are lost frames.
-        window_ns: frames at most this far apart make one time step.
+        window_ns: frames at most this far apart [ns] make one time step, one for each camera.
         workers: threads that decode, each for one camera at a time.
-        bits: significant bits of 16-bit images.
-        background: models of the views, for masks; empty: no masks.
+        bits: significant bits of 16-bit images; None: such images are lost frames.
+        background: background models of the views, for foreground masks; updated in place; empty: no masks.
 
     Raises:
         InputError: the time of a frame is before that of the one before.
@@ -160,10 +164,17 @@ def in_step(
 
 
 def _groups(frames: Iterable[Frame], index_of: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
-    """Generate groups of frames by camera, one per camera at most, that make one time step.
+    """Generate the frames of each time step as a dict by camera name, at most one frame of each camera.
 
-    A group ends at more than `window_ns` from its first frame. `index_of`: cameras of interest, by name. InputError for
-    times that go back.
+    A time step ends at a frame more than `window_ns` after its first one, or of a camera that it already has.
+
+    Args:
+        frames: frames of all cameras, in the order of time.
+        index_of: cameras of interest, by name; other frames are omitted.
+        window_ns: longest time between the frames of a step [ns].
+
+    Raises:
+        InputError: times go back.
     """
     group: dict[str, Frame] = {}
     first = last = None
@@ -195,9 +206,17 @@ def _decode(
     before: Future[list[MaskedImage | str]] | None,
     model: BackgroundModel | None,
 ) -> list[MaskedImage | str]:
-    """Decode frames of a camera, after those of `before`, and update its background model.
+    """Decode frames of one camera in order, and update its background model with each.
 
-    A text in place of an image is the reason why it cannot be used.
+    Args:
+        frames: frames of the camera in the order of time.
+        view: the view, with the expected image size.
+        bits: significant bits of 16-bit images.
+        before: the job of the camera's earlier frames, for which this one waits.
+        model: background model, updated in place; None: no masks.
+
+    Returns:
+        For each frame the image with its mask, or a text: why it cannot be used.
     """
     if before is not None:
         before.exception()  # waits; the error itself is raised where the result is taken
@@ -209,9 +228,10 @@ def _decode(
 
 
 def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> Image | str:
-    """Decode a frame to a plain image, or return as text why it cannot be used.
+    """Decode a frame to an 8-bit image, or return a text that says why it cannot be used.
 
-    It cannot if decoding fails, if 16-bit images have no stated `bits`, or if the size is not the view's.
+    It cannot if decoding fails, if a 16-bit image comes without `bits` (its significant bits), or if the size is not
+    that of `view`.
     """
     try:
         decoded = decode()
@@ -231,11 +251,11 @@ def _image(decode: Callable[[], Image], view: TrackedView, bits: int | None) -> 
 def _frame_sets(
     groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], index_of: dict[str, int]
 ) -> Iterator[FrameSetImages]:
-    """Generate the time steps of a batch, waiting until their frames are decoded.
+    """Generate the time steps of a batch of frames, waiting until their frames are decoded.
 
     Args:
-        groups: frames of each time step by camera.
-        jobs: decoding of all the batch's frames of a camera, in the order of the groups.
+        groups: frames of each time step by camera name.
+        jobs: by camera name, the decoding of all the batch's frames of that camera, in the order of the time steps.
         index_of: number of each view by camera name.
     """
     decoded = {name: iter(job.result()) for name, job in jobs.items()}

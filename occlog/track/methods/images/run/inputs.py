@@ -46,10 +46,19 @@ LARGE_ID = 2**30
 
 
 class ViewsInput:
-    """The input recording and everything that image tracking needs of it."""
+    """Inputs of a run that tracks in images: recording, scene, views, epipolar geometry, and where trackers start.
+
+    `surveyed` has image size and frame period of each view, `window_ns` the default time window of a step, `given` the
+    number of first ellipses, counted by `starts`.
+    """
 
     def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
-        """Open the request's recording, and read scene, geometry and the first frames of every camera."""
+        """Open the request's recording, and read scene, geometry and the first frames of every camera.
+
+        Args:
+            request: the files and the cameras to use.
+            stage: settings of image conversion, births and ends.
+        """
         self.request, self.stage = request, stage
         self.given = 0  # first ellipses
         self.opened, self.recording = open_video(request)
@@ -74,24 +83,30 @@ class ViewsInput:
 
     @property
     def length_unit(self) -> str:
-        """Return the length unit of the scene."""
+        """Return the length unit of the scene; "m" without a scene."""
         return "m" if self.scene is None else self.scene.length_unit
 
     @property
     def frames(self) -> int:
-        """Return the number of frames that the recording announces."""
+        """Return the number of image and video messages of the selected cameras, as the recording's index states it."""
         wanted = {f"/camera/{name}/{kind}" for name in self.names for kind in ("image", "video")}
         return sum(t.messages for t in self.recording.topics if t.name in wanted)
 
     def _camera(self, name: str) -> Camera | None:
+        """Return the scene's camera of this name; None if the scene does not have it or there is no scene."""
         return next((c for c in self.scene.cameras if c.name == name), None) if self.scene is not None else None
 
     def _placed(self) -> list[str]:
-        """Return the names of the cameras with a pose."""
+        """Return the names of the selected cameras with a pose in the scene."""
         return [c.name for c in map(self._camera, self.names) if c is not None and c.placed]
 
     def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundTracksPart]:
-        """Generate ground tracks triangulated from image tracks; none without a scene."""
+        """Generate world tracks triangulated from image tracks, in parts; nothing without a scene.
+
+        Args:
+            tracks: image tracks in the order of time, chunk by chunk.
+            window_ns: frames at most this far apart [ns] are one time step.
+        """
         if self.scene is None:
             return iter(())
         config = GroundConfig(window_s=window_ns / 1e9, initial_switch_probability=STARTS.get(self.request.births, 0.0))
@@ -107,7 +122,10 @@ class ViewsInput:
             )
 
     def starts(self) -> tuple[tuple[Start, ...], int]:
-        """Return the trackers to start from the file of first ellipses, and the first free identity."""
+        """Return the trackers to start from the file of first ellipses, sorted by frame, and the first free identity.
+
+        Without such a file, no trackers and 0. InputError if a frame named there does not exist.
+        """
         if self.request.initial_ellipses is None:
             return (), 0
         sizes = {view.name: (view.width, view.height) for view in self.views}
@@ -122,7 +140,7 @@ class ViewsInput:
         return tuple(starts), first_free([s.target_id for s in starts])
 
     def _check_frames(self, given: tuple[GivenEllipse, ...]) -> None:
-        """Raise InputError for a frame number that a camera does not have."""
+        """Raise InputError if a first ellipse names a frame number that its camera does not have."""
         for name, known in zip(self.names, self.surveyed, strict=True):
             asked = [g for g in given if g.sensor == name and g.frame not in (FIRST, known.first)]
             if not asked:
@@ -137,14 +155,20 @@ class ViewsInput:
                     )
 
     def background(self, quiet: bool) -> tuple[BackgroundModel | None, ...]:
-        """Return the background models of the views; none unless requested."""
+        """Return the background models of the views, learned in a first pass; empty unless the settings request them.
+
+        `quiet`: do not show progress.
+        """
         if not self.stage.background:
             return ()
         frames = console.progress(self.recording.frames(self.names), "first frames", self.frames, quiet=quiet)
         return background_models(frames, with_cameras(self.scene, self.views), self.views, threads_by_default())
 
     def region_stream(self) -> RegionStream | None:
-        """Return the stream of detected regions; None where trackers start from a file only."""
+        """Return the stream of detected regions that start and end trackers; None if there are first ellipses only.
+
+        Regions come from the file of detections, else from boxes in the recording, else from moving foreground.
+        """
         path = self.request.detections
         if path is not None:
             return self._given(path)
@@ -158,7 +182,7 @@ class ViewsInput:
         return RegionStream(regions, True)
 
     def _given(self, path: Path) -> RegionStream:
-        """Return the regions of a file of detections: clusters, or boxes."""
+        """Return the regions in a file of detections at `path`: clusters or boxes, also boxes of the truth."""
         self._detections = opened = open_input(path)
         if opened.recording is None and opened.has(Views):
             return RegionStream(regions_of_views(opened.rows(Views)), True)
@@ -169,6 +193,7 @@ class ViewsInput:
         return self._of_boxes(opened.rows(Boxes))
 
     def _of_boxes(self, chunks: Iterator[Boxes]) -> RegionStream:
+        """Return the stream of regions in a detector's boxes; frames without a row count as not processed."""
         regions: Iterator[DetectorRegions] = regions_of_boxes(chunks, self.stage.birth_min_confidence)
         return RegionStream(regions, False)
 
@@ -187,7 +212,7 @@ def first_free(taken: Sequence[int]) -> int:
 
 
 def open_video(request: ViewsRequest) -> tuple[Opened, McapRecording]:
-    """Open the recording; InputError unless it holds images."""
+    """Open the request's recording; InputError unless it is a recording (.mcap) with images."""
     path, method = request.bearings, request.method
     opened = open_if_ours(path)
     if opened is None or opened.recording is None:
@@ -238,18 +263,24 @@ def video_provenance(tracks: Path | None) -> Provenance | None:
 
 
 def initiated_from_detections(tracks: Path | None) -> bool:
-    """Return whether trackers were started from detections, alone or in addition to given ellipses."""
+    """Return whether a table of tracks from video has trackers that were started from detections.
+
+    False for None and for tables that `occlog track` did not make from video.
+    """
     made = video_provenance(tracks)
     return made is not None and made.parameters["births"] != "initial"
 
 
 def independent_id_note(tracks: Path | None, own: str, asked: str | None) -> list[str]:
-    """Return a note on which target is an independent tracker's, where trackers came from detections.
+    """Return a note for `--assigned-target` where trackers were started from detections, else an empty list.
+
+    Their identities are then not those of the targets, so that assignment by identity is meaningless. No note either if
+    --assigned-target has another value than `id`.
 
     Args:
-        tracks: the tracks.
+        tracks: file of the tracks; None: there is none.
         own: value of --assigned-target in use.
-        asked: value of --assigned-target; None: not given.
+        asked: value of --assigned-target as given; None: not given.
     """
     if not initiated_from_detections(tracks) or asked not in (None, "id"):
         return []

@@ -49,7 +49,11 @@ EARLY_PERIODS = 3
 
 
 class ViewsSummary:
-    """Summary figures of image tracking, counted while streaming."""
+    """Counts of a run that tracks in images, added up part by part; the summary and the warnings are made of them.
+
+    Per view: frames, latest time, rows and unusable frames. Per pair of views: failed loop checks and a histogram of
+    their distances. In total: targets, events, modes of the likelihood, and triangulated positions.
+    """
 
     def __init__(self, method: str, inputs: ViewsInput) -> None:
         """Start with all counts at 0, for tracking with `method` in the views of `inputs`."""
@@ -72,7 +76,7 @@ class ViewsSummary:
         self.rows_of: Counter[str] = Counter()
 
     def add(self, part: ViewsPart) -> None:
-        """Add the counts of a part (the rows of some time steps)."""
+        """Add a part, the output of some time steps, to the counts."""
         self.rows += len(part.tracks)
         self.rows_of.update(part.tracks.sensor.tolist())
         self.particles.add(part.tracks.ess)
@@ -89,19 +93,24 @@ class ViewsSummary:
         self.dropped += part.dropped
 
     def _check(self, checks: Checks) -> None:
-        """Add loop checks to the counts of each pair of views."""
+        """Add loop checks to the counts of failures and to the histogram of distances of each pair of views."""
         for a, b, radii, px in zip(*(column.tolist() for column in checks), strict=True):
             self.failed[int(a), int(b)] += radii > 1.0
             self.distances[int(a), int(b)][int(min(px / BIN_PX, BINS - 1))] += 1
 
     def losses(self) -> list[Loss]:
-        """Return the unusable frames, in segments."""
+        """Return the frames that could not be used as losses, runs of consecutive frames of a camera joined."""
         return [
             loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in segments(view.name, lost)
         ]
 
     def summary(self) -> dict[str, object]:
-        """Return the figures of the summary."""
+        """Return the figures of the summary by name.
+
+        Numbers of targets, rows, frames by view and events; shares of rows by mode of the likelihood; loop checks and
+        failures by pair of views; and, with ground positions, counts of `ground_tracks` and the figures of
+        `GroundConsistency`.
+        """
         names = self.inputs.names
         total = max(sum(self.modes.values()), 1)
         checks = {
@@ -163,7 +172,10 @@ class ViewsSummary:
 
     @property
     def _uses_regions(self) -> bool:
-        """Return whether trackers start from moving regions rather than from given ellipses or boxes of a detector."""
+        """Return whether trackers start from a file of detections or from moving foreground.
+
+        False where they start from first ellipses alone, or from boxes of a detector in the recording.
+        """
         request, boxes = self.inputs.request, self.inputs.recording.has(Boxes)
         return request.births != "initial" and (request.detections is not None or not boxes)
 
@@ -178,7 +190,7 @@ class ViewsSummary:
             yield finding(NUMBER, "no-view-tracks")
 
     def _too_many(self) -> Iterator[Check]:
-        """Generate findings about views with more targets per frame than there are separable silhouettes of people."""
+        """Generate findings about views with more than `MAX_TARGETS_PER_FRAME` targets per frame on average."""
         for name, count in self._at_a_time().items():
             if count > MAX_TARGETS_PER_FRAME:
                 yield finding(
@@ -194,7 +206,7 @@ class ViewsSummary:
             yield finding(FIRST, "view-without-tracks", sensors=bare)
 
     def _alone(self) -> Iterator[Check]:
-        """Generate the finding that views cannot assist each other, if so."""
+        """Generate a finding if a method for several views has a single view or no known fundamental matrix."""
         config = CONFIGS[self.method]
         if not issubclass(config, LoopCheckConfig):
             return
@@ -204,7 +216,7 @@ class ViewsSummary:
             yield finding(SHARED, "views-without-links", method=self.method, does=config.ALONE)
 
     def _ends(self) -> Iterator[Check]:
-        """Generate findings about views that end before the others."""
+        """Generate findings about views that end more than `EARLY_PERIODS` frame periods before the latest one."""
         latest = int(self.last_ns.max(initial=-1))
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
             if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
@@ -221,7 +233,10 @@ class ViewsSummary:
         return sorted({*most, *self.dropped})
 
     def _misfit(self, a: int, b: int) -> Check:
-        """Return the finding about the fundamental matrix of views `a` and `b`, with the median loop distance."""
+        """Return the finding about the fundamental matrix of views `a` and `b` (numbers), contradicted by loop checks.
+
+        It states the share of failed checks, their number and the median distance from epipolar lines [px].
+        """
         distances = self.distances[a, b]
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
@@ -312,7 +327,7 @@ def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: Views
 
 
 def _written(parts: Iterator[ViewsPart], tables: Tables, summary: ViewsSummary) -> Iterator[ViewTracks]:
-    """Generate the view tracks of each part, after they were written to `tables` and counted in `summary`."""
+    """Generate the view tracks of each part, after writing them to `tables` and adding the part to `summary`."""
     for part in parts:
         tables.write(output=part.tracks)
         summary.add(part)

@@ -58,7 +58,10 @@ StartCounts = Mapping[tuple[int, int], tuple[int, int]]
 
 
 class Checks(NamedTuple):
-    """N loop checks, each of a target in two views; a check fails above 1 radius."""
+    """N loop checks, each of a target in two views: its distances from epipolar lines, [Qu] Sec. 3.4.2.
+
+    A check fails where `radii`, the larger of the two distances in radii of the ellipse, exceeds 1.
+    """
 
     first: Floats  # (N,) the lower view of the two, a whole number
     second: Floats  # (N,) the higher view
@@ -77,12 +80,12 @@ def gather(parts: Sequence[Checks]) -> Checks:
 
 
 def check_outlines(outlines: TrackerOutlines, geometry: ViewGeometry, bottom: bool = False) -> Checks:
-    """Check the loop distances of targets that touch no other in either view.
+    """Return the loop checks of the targets that touch no other in either view, for all pairs of views.
 
     Args:
         outlines: ellipses of the trackers at one time step.
-        geometry: fundamental matrices between the views.
-        bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
+        geometry: fundamental matrices between the views; a pair without one has no checks.
+        bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
     """
     return _checks(_free(outlines.view, outlines.target_id, outlines.ellipse), geometry, bottom)
 
@@ -93,12 +96,14 @@ def check_births(
     trackers: Mapping[TrackerKey, Floats] = NO_TRACKERS,
     bottom: bool = False,
 ) -> Checks:
-    """Check the loop distances of starting ellipses, among themselves and against trackers of other views.
+    """Return the loop checks of starting ellipses, among themselves and against trackers of other views.
+
+    Ellipses that touch another one of their view are left out.
 
     Args:
         births: starting ellipses of one time step.
         geometry: fundamental matrices between the views.
-        trackers: ellipses of the same time of trackers that there are.
+        trackers: ellipses (5,) of existing trackers at the same time, by (view, target).
         bottom: compare the lowest points of ellipses with epipolar lines; else their centres.
     """
     if not births:
@@ -111,9 +116,9 @@ def check_births(
 
 
 def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats]:
-    """Return the ellipses that touch no other of their view, keyed by view and target.
+    """Return the ellipses that touch no other of their view, by (view, target).
 
-    `view` and `target` (n,) are those of `ellipses` (n, 5).
+    `view` and `target` (n,) belong to `ellipses` (n, 5).
     """
     rows = {}
     for v in np.unique(view).tolist():
@@ -155,9 +160,9 @@ def _checks(
 def drop_contradicted(
     geometry: ViewGeometry, checks: Checks, counts: StartCounts
 ) -> tuple[ViewGeometry, StartCounts, tuple[tuple[int, int], ...]]:
-    """Drop the matrices of pairs of views that more than half of the first targets contradict.
+    """Drop the fundamental matrices of pairs of views that more than half of the first targets contradict.
 
-    `FEWEST` checked starts decide, and those of the same time step; later ones change nothing.
+    The first `FEWEST` checked starts of a pair decide, with others of the same time step; later ones change nothing.
 
     Args:
         geometry: fundamental matrices in use.
@@ -165,7 +170,7 @@ def drop_contradicted(
         counts: numbers of checked and failed starts by pair of views, from the time steps before.
 
     Returns:
-        The geometry; the counts with the checks; the pairs of views that lost their matrix now.
+        The geometry, with NaN for dropped matrices; the counts with the checks added; the pairs of views dropped now.
     """
     matrices, after, dropped = geometry.fundamental.copy(), dict(counts), []
     for a, b in sorted(set(zip(checks.first.astype(int).tolist(), checks.second.astype(int).tolist(), strict=True))):
@@ -199,12 +204,12 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackingSetup:
-    """Method, views and starts of a run.
+    """Method, settings, views and starts of trackers of a run.
 
     Attributes:
         views: V views.
         geometry: fundamental matrices between the views.
-        config: settings of a method, which say how it tracks.
+        config: settings of the method; their class selects it.
         stage: settings of births and ends.
         starts: trackers to begin.
         next_id: number of the first target that detections begin.
@@ -231,7 +236,7 @@ class TrackingSetup:
 
 
 class ViewsPart(NamedTuple):
-    """Output tables and counts of some time steps."""
+    """Output rows of some time steps with V views, and counts for the summary."""
 
     tracks: ViewTracks
     frames: Ints  # (V,) frames that could be used
@@ -256,9 +261,10 @@ class _RunState:
 
 
 class _MomentResult(NamedTuple):
-    """What one time step gave: frames, outlines of the trackers, births, ends, and loop checks.
+    """Results of one time step: frames, outlines of the trackers, births, ends and loop checks.
 
-    `outlines` is None without a step of the method; `dropped` are pairs of views that lost their fundamental matrix.
+    `outlines` is None if the method made no step, without trackers or frames. `checks` are of tracked ellipses,
+    `start_checks` of those that trackers started with. `dropped` are pairs of views that lost their fundamental matrix.
     """
 
     frame_set: FrameSetImages
@@ -273,17 +279,16 @@ class _MomentResult(NamedTuple):
 def track_views(
     frame_sets: Iterable[FrameSetImages], setup: TrackingSetup, seed: int, stream: RegionStream | None = None
 ) -> Iterator[ViewsPart]:
-    """Generate view tracks in time order, with the events and checks of each part.
+    """Generate tracks in images in time order, in parts of some time steps, with the checks of each part.
 
-    A tracker's first row is its birth, with the ellipse that was given.  Where most of the
-    first targets that two views share contradict their fundamental matrix, the matrix is not
-    used: the views are tracked without each other's help.
+    A tracker's first row is its birth, with the ellipse that was given. Where most of the first targets that two views
+    share contradict their fundamental matrix, the matrix is not used any more.
 
     Args:
-        frame_sets: frames of the views.
+        frame_sets: frames of the views, time step by time step.
         setup: method, views and starts.
         seed: seed of all random numbers.
-        stream: regions of a detector, from which trackers begin too and by which they are ended.
+        stream: regions of a detector, which start and end trackers; None: no detector.
     """
     rng = generator(seed, RandomStream.TRACK)
     run = _RunState(
@@ -313,9 +318,14 @@ def _advance(
     rng: np.random.Generator,
     stream: RegionStream | None,
 ) -> tuple[_RunState, _MomentResult]:
-    """Return the run after the frames of one time step, and what the step gave: outlines, births, ends and checks.
+    """Return the run after the frames of one time step, and the results of the step.
 
-    `stream` has a detector's regions, from which trackers begin and by which they end; None: no detector.
+    Args:
+        run: state before the time step.
+        frame_set: frames of the views.
+        setup: method, views and settings.
+        rng: generator of the random numbers drawn.
+        stream: regions of a detector, which start and end trackers; None: no detector.
     """
     outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
     found: tuple[Floats | None, ...] = ()
@@ -356,9 +366,11 @@ def _advance(
 
 
 def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines) -> dict[TrackerKey, Floats]:
-    """Return the latest ellipses of the trackers after a step, without those that ended in it.
+    """Return the latest ellipses (5,) of the trackers after a step by (view, target), without those that ended in it.
 
-    `trackers` are the ellipses (5,) before, `outlines` those of the step.
+    Args:
+        trackers: latest ellipses before the step; a tracker without a frame keeps its ellipse.
+        outlines: ellipses and end events of the step.
     """
     out = dict(trackers)
     rows = zip(
@@ -373,7 +385,7 @@ def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: TrackerOutlines)
 
 
 def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState, tuple[Birth, ...]]:
-    """Return the run without the starts that are due, and these as births.
+    """Return the run without the starts that are due in this time step, and these as births.
 
     A start is due when a frame of its view with its number or a later one is there; it gives no birth if the target is
     tracked in that view already. A start with a tracker that ended in this frame (`gone`) waits for the next frame, as
@@ -388,9 +400,10 @@ def _due(run: _RunState, frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple
 
 
 def _recent(run: _RunState, frame_set: FrameSetImages, setup: TrackingSetup) -> dict[TrackerKey, Floats]:
-    """Return the tracker ellipses against which births in other views are checked, by view and target.
+    """Return the ellipses of trackers with which births in other views are compared, by (view, target).
 
-    There are none without collaboration: the trackers of two views may then be on different targets.
+    These are the latest ones of views with a frame in this time step or one at most 1.5 frame periods old; none if the
+    method does not use several views, as the trackers of two views may then be on different targets.
     """
     if not setup.views_help:
         return {}
@@ -421,7 +434,15 @@ def _begun(
     ended: tuple[TrackerKey, ...],
     setup: TrackingSetup,
 ) -> _RunState:
-    """Return the run with trackers added for `births` and without the trackers `ended` (keys of view and target)."""
+    """Return the run with trackers added for `births`, and without the trackers `ended`, keys (view, target).
+
+    Args:
+        run: state before.
+        frames: frames of the time step; the views of the births have one.
+        births: trackers to start.
+        ended: trackers to end.
+        setup: views and settings of the method, to make its state at the first birth.
+    """
     state = run.state
     if births and state is None:
         state = initial_state(setup.views, run.geometry, setup.config)
@@ -481,7 +502,14 @@ def _initiated(births: Sequence[Birth], frame_set: FrameSetImages, views: Sequen
 def _tracked(
     o: TrackerOutlines, frame_set: FrameSetImages, views: Sequence[TrackedView], ended: Sequence[TrackerKey]
 ) -> ViewTracks:
-    """Return the rows of tracked ellipses `o`; trackers `ended` by regions are marked as terminated."""
+    """Return the output rows of tracked ellipses, in the table's order.
+
+    Args:
+        o: ellipses of the trackers after the step.
+        frame_set: frames of the step, for times and frame numbers.
+        views: V views, for their names.
+        ended: (view, target) of trackers ended for lack of regions; they are marked as terminated.
+    """
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), TERMINATED, o.lifecycle)
     names = np.array([view.name for view in views])
@@ -503,9 +531,16 @@ def _tracked(
 def _places(
     view: Ints, target: Ints, ellipse: Floats, frame_set: FrameSetImages, views: Sequence[TrackedView]
 ) -> dict[str, NDArray[np.generic]]:
-    """Return the columns time, camera, frame, target and ellipse of n trackers; angles wrapped to [-pi/2, pi/2).
+    """Return the columns time, camera, frame, target and ellipse of the output rows of n trackers.
 
-    `view` and `target` (n,) are those of `ellipse` (n, 5).
+    Angles are wrapped to [-pi/2, pi/2).
+
+    Args:
+        view: (n,) number of each tracker's view.
+        target: (n,) identities.
+        ellipse: (n, 5) centre and half axes [px], angle of the first axis [rad].
+        frame_set: frames of the step, for times and frame numbers.
+        views: V views, for their names.
     """
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return {

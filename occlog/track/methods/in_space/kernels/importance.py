@@ -41,9 +41,10 @@ MIN_DEPTH_RATIO = 0.05
 
 
 class ScanRows(NamedTuple):
-    """R directions of N sensors as residuals.
+    """R directions of N sensors as residuals of the importance density, each with a frame of three unit vectors.
 
-    A sensor's likelihood factor is the sum of scale times density, plus rival.
+    A direction's residuals are the tangents of the angles to its left and above. A sensor's likelihood factor is the
+    sum of `scale` times density over its rows, plus `rival`, the part that is not of the target.
     """
 
     first: Ints  # (N + 1,) rows of each sensor
@@ -58,12 +59,17 @@ class ScanRows(NamedTuple):
 
 @kernel
 def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, Floats]:
-    """Laplace approximations of the posteriors of n particles, each with the prior N(m0, R R^T).
+    """Return Laplace approximations of the posteriors of n particles, each with the prior N(m0, R R^T).
+
+    They are in whitened positions y = R^-1 (p - m0).
+
+    Modes are found by at most `MAX_STEPS` Gauss-Newton steps, in which each direction counts by the probability that it
+    is the target's; in the last step those above one half count fully.
 
     Args:
-        mean: (3, n) m0.
-        root: (3, 3) lower R, with a diagonal above 0.
-        lines: the scan.
+        mean: (3, n) m0, expected positions.
+        root: (3, 3) lower triangular R, with a diagonal above 0.
+        lines: directions of the scan as residuals.
 
     Returns:
         (3, n) modes m of y.
@@ -172,18 +178,18 @@ def adapt(mean: Floats, root: Floats, lines: ScanRows) -> tuple[Floats, Floats, 
 def draw(
     modes: Floats, factors: Floats, chosen: Ints, defensive: float, u: Floats, noise: Floats
 ) -> tuple[Floats, Floats]:
-    """Positions drawn from the importance densities, and the logarithms of prior over importance density.
+    """Draw whitened positions y from the importance densities, and return them with the log ratios of prior to density.
 
     Args:
-        modes: (3, L) m, from `adapt`.
-        factors: (6, L) L, from `adapt`.
-        chosen: (n,) which of the L densities to draw from.
-        defensive: share e that is drawn from N(0, I), in (0, 1).
+        modes: (3, L) modes m, from `adapt`.
+        factors: (6, L) Cholesky factors of the precisions, from `adapt`.
+        chosen: (n,) index of the density to draw from, 0 to L - 1.
+        defensive: share e that is drawn from the prior N(0, I), in (0, 1).
         u: (n,) uniform in [0, 1).
         noise: (3, n) standard normal.
 
     Returns:
-        (3, n) positions y, and (n,) log N(y; 0, I) - log q(y).
+        (3, n) whitened positions y, and (n,) log N(y; 0, I) - log q(y).
     """
     n = chosen.shape[0]
     positions, ratio = np.empty((3, n)), np.empty(n)

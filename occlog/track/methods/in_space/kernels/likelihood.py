@@ -27,7 +27,11 @@ UNIFORM_AZIMUTH = 1.0 / (2.0 * math.pi)
 
 
 class ScanDirectionSet(NamedTuple):
-    """R measured directions of N sensors in one scan."""
+    """R measured directions of N sensors in one scan, each in a frame along its azimuth.
+
+    The frame's rows are unit vectors along, left and up in the world; up is the axis from which polar angles are
+    measured.
+    """
 
     first: Ints  # (N + 1,) rows of each sensor
     labelled: Bools  # (N,)
@@ -55,12 +59,16 @@ class ReportProbabilities(NamedTuple):
 
 
 def log_product(xyz: Floats, sights: ScanDirectionSet, soften: float) -> Floats:
-    """(R, L) log densities [1/rad^2; 1/rad of an azimuth] of each sight for (3, L) particles.
+    """Return (R, L) log densities of R directions for L positions [1/rad^2; 1/rad for an azimuth alone].
 
-    Azimuth and polar angle are Gaussian, independent, in the sensor's frame ([Lee] Sec. 2.2.2
-    with the product in place of the cone).  Near the pole the density is that of an angle
-    that went over it too, so that (theta, -phi) and (theta + pi, phi) are the same.  A particle
-    beyond the sensor's range gets the factor `soften`.
+    Azimuth and polar angle are Gaussian and independent, in the sensor's frame ([Lee] Sec. 2.2.2 with the product in
+    place of the cone). Near a pole the density of a direction that went over it is added, as (theta, -phi) and (theta +
+    pi, phi) are equal.
+
+    Args:
+        xyz: (3, L) positions.
+        sights: the directions.
+        soften: factor of the density beyond the sensor's range, in (0, 1].
     """
     s = sights
     return _log_product(xyz, s.position, s.frame, s.phi, s.sigma_theta, s.sigma_phi, s.reach, math.log(soften))
@@ -77,6 +85,19 @@ def _log_product(
     reach: Floats,
     log_soften: float,
 ) -> Floats:
+    """Return (R, L) log densities of R directions for L positions: the kernel of `log_product`.
+
+    Args:
+        xyz: (3, L) positions.
+        position: (R, 3) positions of the sensors.
+        frame: (R, 3, 3) rows are unit vectors in the world: along the measured azimuth, to the left of it, and up (the
+            axis of polar angles).
+        phi: (R,) polar angles [rad]; NaN: an azimuth alone.
+        sigma_theta: (R,) standard deviations of the azimuths [rad].
+        sigma_phi: (R,) standard deviations of the polar angles [rad].
+        reach: (R,) ranges of the sensors.
+        log_soften: log of the factor of the density beyond the range.
+    """
     R, L = phi.shape[0], xyz.shape[1]
     out = np.empty((R, L))
     for r in range(R):
@@ -122,12 +143,16 @@ def _log_product(
 
 
 def log_cone(xyz: Floats, sights: ScanDirectionSet, soften: float) -> Floats:
-    """(R, L) log densities of each sight, Gaussian in the angle between line of sight and particle ([Lee] Sec. 2.2.2).
+    """Return (R, L) log densities of directions, Gaussian in the angle between direction and position, [Lee] 2.2.2.
 
-    Its variance is the mean of those of the line of sight towards theta and phi,
-    (sin^2(phi) sigma_theta^2 + sigma_phi^2) / 2, so that a cone is round where the true spread is
-    not.  The density is given per area of the angles, as `log_product`'s.  An azimuth alone
-    counts as there.
+    The variance is the mean of those towards theta and phi, (sin^2(phi) sigma_theta^2 + sigma_phi^2) / 2, so that a
+    cone is round where the true spread is not. Densities are per unit of both angles [1/rad^2]; for an azimuth alone
+    they are Gaussian in the azimuth [1/rad].
+
+    Args:
+        xyz: (3, L) positions.
+        sights: R directions.
+        soften: factor of the density beyond the sensor's range, in (0, 1].
     """
     s = sights
     flat = np.isnan(s.phi)
@@ -146,6 +171,17 @@ def log_cone(xyz: Floats, sights: ScanDirectionSet, soften: float) -> Floats:
 def _log_cone(
     xyz: Floats, position: Floats, line: Floats, variance: Floats, area: Floats, reach: Floats, log_soften: float
 ) -> Floats:
+    """Compute (R, L) log densities that are Gaussian in the angle from a line of sight, for positions `xyz` (3, L).
+
+    Args:
+        xyz: (3, L) positions.
+        position: (R, 3) sensors.
+        line: (R, 3) unit vectors of the directions.
+        variance: (R,) of the angle [rad^2].
+        area: (R,) log of the solid angle of a unit of both angles.
+        reach: (R,) ranges of the sensors.
+        log_soften: log of the factor beyond the range.
+    """
     R, L = variance.shape[0], xyz.shape[1]
     out = np.empty((R, L))
     for r in range(R):
@@ -162,14 +198,14 @@ def _log_cone(
 
 
 def log_in_plane(ab: Floats, position: Floats, angle: Floats, sigma: Floats, reach: Floats, soften: float) -> Floats:
-    """(R, L) log densities [1/rad] of R angles of one plane for (2, L) particles on the plane's axes.
+    """Return (R, L) log densities [1/rad] of R angles in a plane, for L positions on the plane's axes.
 
     Args:
-        ab: (2, L) particles.
+        ab: (2, L) positions.
         position: (R, 2) of the sensors on the plane's axes.
-        angle: (R,) measured, projected [rad].
+        angle: (R,) measured angles, projected to the plane [rad].
         sigma: (R,) standard deviations [rad].
-        reach: (R,) ranges; a particle that is farther in the plane alone gets the factor `soften`.
+        reach: (R,) ranges; a position that is farther in the plane alone gets the factor `soften`.
         soften: factor, in (0, 1].
     """
     along = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -180,6 +216,16 @@ def log_in_plane(ab: Floats, position: Floats, angle: Floats, sigma: Floats, rea
 def _log_in_plane(
     ab: Floats, position: Floats, along: Floats, sigma: Floats, reach: Floats, log_soften: float
 ) -> Floats:
+    """Compute `log_in_plane` for angles given as unit vectors: (R, L) log densities for L positions.
+
+    Args:
+        ab: (2, L) positions on the plane's axes.
+        position: (R, 2) sensors.
+        along: (R, 2) cosine and sine of the measured angles.
+        sigma: (R,) standard deviations [rad].
+        reach: (R,) ranges of the sensors.
+        log_soften: log of the factor beyond the range.
+    """
     R, L = sigma.shape[0], ab.shape[1]
     out = np.empty((R, L))
     for r in range(R):
@@ -197,17 +243,17 @@ def _log_in_plane(
 def scan_log_likelihood(
     each: Floats, first: Ints, labelled: Bools, share: Floats, uniform: Floats, chances: ReportProbabilities
 ) -> Floats:
-    """(L,) log likelihoods of a scan, up to a constant, from the log densities of its sights.
+    """Return (L,) log likelihoods of a scan, up to a constant, from the log densities of its directions.
 
-    A labelled sight is the target's or, with probability `false`, from anywhere: whichever
-    explains it better.  Of unlabelled ones one is the target's with probability `candidate` and the others
-    are clutter, `clutter` of them expected: (1 - candidate) + candidate / clutter sum_k p_k / u.
+    A labelled direction is the target's or, with probability `false`, from anywhere: whichever explains it better. Of
+    unlabelled ones one is the target's with probability `candidate` and the others are clutter, `clutter` of them
+    expected: (1 - candidate) + candidate / clutter sum_k share_k p_k / u_k.
 
     Args:
-        each: (R, L) log densities.
-        first: (N + 1,) rows of each sensor.
-        labelled: (N,) the sensor's sights are labelled as the target.
-        share: (R,) factor of a candidate's density.
+        each: (R, L) log densities of the directions p_k at L positions.
+        first: (N + 1,) rows of sensor n are first[n] to first[n + 1] - 1.
+        labelled: (N,) the sensor's directions are labelled as the target.
+        share: (R,) weight of a candidate.
         uniform: (R,) density u of clutter.
         chances: the probabilities above.
     """
@@ -227,7 +273,10 @@ def scan_log_likelihood(
 
 
 def rows_of(sights: ScanDirectionSet, keep: Bools) -> ScanDirectionSet:
-    """Return the rows `keep` (R,) of the sights; `first` and `labelled` stay those of all, and do not fit any more."""
+    """Return the directions selected by the mask `keep` (R,).
+
+    The fields `first` and `labelled` are kept as they are, and fit the full set only.
+    """
     s = sights
     return s._replace(
         position=s.position[keep],
@@ -241,4 +290,5 @@ def rows_of(sights: ScanDirectionSet, keep: Bools) -> ScanDirectionSet:
 
 
 def _log(x: float) -> float:
+    """Return log x; -inf for x <= 0."""
     return math.log(x) if x > 0.0 else -math.inf

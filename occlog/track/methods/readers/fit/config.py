@@ -11,7 +11,7 @@ from occlog.settings import Settings, setting
 
 @dataclass(frozen=True)
 class FitReadersConfig(Settings):
-    """Settings of the path-loss fit."""
+    """Settings of `occlog fit-readers`: windows of reads, height of tags, and the ranges to try."""
 
     OWNER: ClassVar[str] = "fit-readers"
 
@@ -46,5 +46,5 @@ class FitReadersConfig(Settings):
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """Generate the rule that ranges are positive lengths."""
+        """Generate (setting, whether it fits, limit as text): ranges are above 0."""
         yield "ranges", self.ranges is None or min(self.ranges) > 0, "lengths above 0"

@@ -20,7 +20,7 @@ MIN_LOSS = 0.1
 
 
 class Losses(NamedTuple):
-    """Least-squares fit of strengths against log distance: a power for each of R readers, and one exponent."""
+    """Least-squares fit of signal strengths against log distance: a power for each of R readers, and one exponent."""
 
     power: Floats  # (R,) [dBm]
     error: Floats  # (R,) standard errors as if the noise were white; NaN of a reader without reads
@@ -30,7 +30,7 @@ class Losses(NamedTuple):
 
 
 class TagWindows(NamedTuple):
-    """T windows of one tag in one recording, with true positions."""
+    """T windows of reads of one tag in one recording by R readers, with the tag's true positions."""
 
     t_s: Floats  # (T,) from the first window on
     xy: Floats  # (T, 2)
@@ -39,9 +39,9 @@ class TagWindows(NamedTuple):
 
 
 class Coverage(NamedTuple):
-    """Range of the readers with the least error of virtual sensors, and the probabilities at it.
+    """Range of readers with the least error of virtual sensors, and the probabilities of a read at this range.
 
-    `detection` is that of a reader in range, `stray` out of it; `rms` is the error in the unit of length.
+    `detection` is that of a reader in range, `stray` that of one out of range; `rms` is the position error [length].
     """
 
     range: float
@@ -51,15 +51,15 @@ class Coverage(NamedTuple):
 
 
 def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> Losses:
-    """Fit a power for each reader and one exponent to strengths.
+    """Return a power for each reader and a common path loss exponent, fitted to signal strengths by least squares.
 
     A reader without reads has the mean power of the others.
 
     Args:
-        reader: (n,) numbers of the readers.
-        distance_m: (n,) distances in metres.
+        reader: (n,) numbers of the readers, 0 to R - 1.
+        distance_m: (n,) distances between tag and reader [m].
         rssi: (n,) strengths [dBm].
-        readers: R.
+        readers: number R of readers.
 
     Raises:
         ValueError: fewer reads than unknowns, or strengths that do not fall with distance.
@@ -83,10 +83,10 @@ def fit_losses(reader: Ints, distance_m: Floats, rssi: Floats, readers: int) -> 
 
 
 def fit_shadowing(model: PathLoss, sequences: Sequence[TagWindows]) -> PathLoss:
-    """Maximise the likelihood of the residuals over noise, shadowing and the time in which it is forgotten.
+    """Return the path loss model with noise, shadowing and its correlation time of maximum likelihood.
 
     Args:
-        model: with positions, powers and exponent; its noise and shadowing are where the search begins.
+        model: model with positions, powers and exponent; its noise and shadowing are the start of the search.
         sequences: windows with true positions.
     """
 
@@ -116,15 +116,20 @@ def _log_likelihood(model: PathLoss, tag: TagWindows) -> float:
 def choose_range(
     model: PathLoss, sequences: Sequence[TagWindows], ranges: Sequence[float], room: Floats | None
 ) -> Coverage:
-    """Choose the reading range with the least RMS error of positions by virtual sensors.
+    """Return the reading range with the least RMS error of positions by virtual sensors, of those to try.
 
-    A virtual sensor is a region of the floor that exactly the same readers cover. Returns the range, the probabilities
-    of detection in range and out of it, and the RMS error over windows with true positions.
+    A virtual sensor is a region of the floor that exactly the same readers cover. A reader detects a tag with a mean
+    strength of at least that expected at the range. The probabilities that it does so in range and out of it are shares
+    over the windows, with one success and one failure more, so that none is 0 or 1.
 
-    A reader detects a tag with a mean strength of at least that expected at the range.  The probabilities that it does
-    so in range and out of it are shares over the windows (each with one success and one failure more, so that none
-    is 0 or 1). `ranges` are those to try, `room` (K, 2) a polygon, None: no walls. ValueError if no read is as strong
-    as expected at any of them.
+    Args:
+        model: path loss model of the readers.
+        sequences: windows with true positions.
+        ranges: ranges to try [length].
+        room: (K, 2) polygon; None: no walls.
+
+    Raises:
+        ValueError: no read is as strong as expected at any of the ranges.
     """
     xy = np.concatenate([s.xy for s in sequences])
     count, rssi = np.concatenate([s.reads for s in sequences]), np.concatenate([s.rssi for s in sequences])
@@ -154,6 +159,7 @@ def choose_range(
 
 
 def _share(detected: Bools) -> float:
+    """Return the share of True, with one success and one failure more."""
     return float((np.count_nonzero(detected) + 1) / (detected.size + 2))
 
 

@@ -33,7 +33,7 @@ START_SHADOW_DB, START_SHADOW_S = 3.0, 5.0
 
 
 class _FitSamples:
-    """Strengths with distances, and windows with true positions, collected over all recordings."""
+    """Signal strengths with distances, and windows of reads with true positions, collected over recordings."""
 
     def __init__(self, readers: tuple[TagReader, ...], config: FitReadersConfig, metre: float) -> None:
         self.readers, self.config, self.metre = readers, config, metre
@@ -44,9 +44,9 @@ class _FitSamples:
         self.without = 0
 
     def add(self, opened: Opened) -> None:
-        """Add the reads of one recording, with its true positions.
+        """Add the reads of one recording, with the true positions of the tags.
 
-        InputError for a reader that the scene, or a tag that the truth, does not have.
+        InputError for a reader that the scene does not have, or a tag without true positions.
         """
         reads, truth = opened.read(Reads), opened.read(Truth)
         names = [r.name for r in self.readers]
@@ -69,9 +69,12 @@ class _FitSamples:
             self._windows(own, path, positions, gap_ns)
 
     def _strengths(self, reads: Reads, xy: Floats, good: np.ndarray) -> None:
-        """Add the strengths of single reads, with their distances from the readers to the true positions `xy` (n, 2).
+        """Add the strengths of single reads, with their distances from the readers to the true positions.
 
-        Reads that are not `good` (n,), without a true position, are only counted.
+        Args:
+            reads: n reads of one tag.
+            xy: (n, 2) true positions at the times of the reads.
+            good: (n,) whether the position is known; other reads are only counted.
         """
         usable = good & np.isfinite(reads.rssi)
         index_of = {r.name: k for k, r in enumerate(self.readers)}
@@ -87,7 +90,11 @@ class _FitSamples:
     def _windows(self, reads: Reads, truth: Truth, positions: Floats, gap_ns: int) -> None:
         """Add the windows of one tag's reads that have a true position.
 
-        `positions` (n, 2) are those of `truth`, interpolated over gaps of at most `gap_ns` [ns].
+        Args:
+            reads: reads of the tag.
+            truth: n true states of the tag.
+            positions: (n, 2) its true positions.
+            gap_ns: longest gap between two true positions that is interpolated [ns].
         """
         names = [r.name for r in self.readers]
         for part in windows_of([reads], names, round(self.config.window_s * NS)):
@@ -185,9 +192,9 @@ def run_fit_readers(request: FitReadersRequest, job: Job) -> tuple[dict[str, obj
 
 
 def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
-    """Return the scene of all recordings: that of the request, or of the first one.
+    """Return the scene of all recordings: that of the request, or of the first recording.
 
-    UsageError if reader positions or units differ, InputError without readers.
+    UsageError if positions of readers or units differ between recordings, InputError without readers.
     """
     scene = load_scene(request.scene, inputs[0].scene, request.recordings[0])
     if not scene.readers:
@@ -206,4 +213,5 @@ def _common_scene(request: FitReadersRequest, inputs: list[Opened]) -> Scene:
 
 
 def _layout(scene: Scene) -> tuple[object, ...]:
+    """Return the length unit, and sorted names with positions of the readers of a scene, to compare scenes."""
     return (scene.length_unit, *sorted((r.name, *r.position.tolist()) for r in scene.readers))

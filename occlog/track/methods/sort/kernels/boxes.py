@@ -27,7 +27,10 @@ def states_of(boxes: Floats) -> Floats:
 
 
 def boxes_of(states: Floats) -> Floats:
-    """Return the boxes (N, 4) left, top, right, bottom [px] of states (N, 4)."""
+    """Return the boxes (N, 4) left, top, right, bottom [px] of `states` (N, 4).
+
+    A state is centre x and y [px], ln of the height [px], width / height, which counts as at least `MIN_ASPECT`.
+    """
     height = np.exp(states[:, LOG_HEIGHT])
     half = 0.5 * np.column_stack([height * np.maximum(states[:, ASPECT], MIN_ASPECT), height])
     centre = states[:, :2]
@@ -35,7 +38,7 @@ def boxes_of(states: Floats) -> Floats:
 
 
 def areas(boxes: Floats) -> Floats:
-    """Return (N,) areas [px^2] of boxes (N, 4)."""
+    """Return (N,) areas [px^2] of boxes (N, 4): left, top, right, bottom [px]."""
     out: Floats = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     return out
 
@@ -56,14 +59,14 @@ def overlaps(a: Floats, b: Floats) -> Floats:
 
 
 def inside_shares(boxes: Floats, size: tuple[float, float]) -> Floats:
-    """Return (N,) share of each of boxes (N, 4) inside an image of `size`, width and height [px]."""
+    """Return (N,) shares of the areas of `boxes` (N, 4) inside an image of `size`, width and height [px]."""
     image = np.array([[0.0, 0.0, size[0], size[1]]])
     out: Floats = intersections(boxes, image)[:, 0] / areas(boxes)
     return out
 
 
 def visible_shares(boxes: Floats, weights: Floats) -> Floats:
-    """(N,) expected share of each box that no nearer box covers; who has the lower feet is nearer.
+    """Return (N,) expected share of each box that no nearer box covers; the person with the lower feet is nearer.
 
     Covers count as independent, so that of two equal ones the second hides less.
 

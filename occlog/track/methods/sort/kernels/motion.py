@@ -12,9 +12,9 @@ from occlog.core.numerics.jit import kernel
 
 
 def predicted(covariance: Floats, density: Floats, dt: float) -> Floats:
-    """Return covariances (..., 3) after a time `dt` [s] under white acceleration of spectral `density` (...).
+    """Return covariances (..., 3) a time `dt` [s] later under white acceleration of spectral `density` (...).
 
-    `covariance` (..., 3) are those before.
+    `covariance` (..., 3) are variance of the value, covariance of value and rate, variance of the rate.
     """
     vv, vr, rr = np.moveaxis(covariance, -1, 0)
     return np.stack(
@@ -28,9 +28,13 @@ def predicted(covariance: Floats, density: Floats, dt: float) -> Floats:
 
 
 def updated(mean: Floats, covariance: Floats, z: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Return means (..., 2) and covariances (..., 3) after measurements `z` (...) of the values.
+    """Return means (..., 2) and covariances (..., 3) of values and rates after measurements of the values.
 
-    `mean` (..., 2) and `covariance` (..., 3) are those before, `noise` (...) the variances of the measurements.
+    Args:
+        mean: (..., 2) value and rate before.
+        covariance: (..., 3) variance of the value, covariance, variance of the rate.
+        z: (...) measured values.
+        noise: (...) variances of the measurements.
     """
     gain = covariance[..., :2] / (covariance[..., 0] + noise)[..., None]
     after = mean + gain * (z - mean[..., 0])[..., None]
@@ -43,10 +47,10 @@ def updated(mean: Floats, covariance: Floats, z: Floats, noise: Floats) -> tuple
 def smooth(
     times: Floats, seen: Bools, z: Floats, noise: Floats, density: Floats, speed: Floats
 ) -> tuple[Floats, Floats]:
-    """Rauch-Tung-Striebel smoother of D coordinates.
+    """Return smoothed values and rates of D coordinates at K times, by the Rauch-Tung-Striebel smoother.
 
     Args:
-        times: (K,) times [s], rising.
+        times: (K,) times [s], increasing.
         seen: (K,) whether there is a measurement; the first has one.
         z: (K, D) measurements.
         noise: (K, D) variances of the measurements.
@@ -54,7 +58,7 @@ def smooth(
         speed: (D,) prior variances of the rates.
 
     Returns:
-        (K, D, 2) means and (K, D, 3) covariances.
+        (K, D, 2) means and (K, D, 3) covariances: variance of the value, covariance, variance of the rate.
     """
     steps, size = z.shape
     mean, cov = np.empty((steps, size, 2)), np.empty((steps, size, 3))
