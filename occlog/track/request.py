@@ -219,7 +219,7 @@ class TrackRequest(_InWorld):
 
     @property
     def inputs(self) -> list[Path]:
-        """All files that are read."""
+        """All files that the request reads, without those that are not given."""
         delays = self.answer_delay if isinstance(self.answer_delay, Path) else None
         own = (self.bearings, self.scene, self.doa, self.occluders, self.motion, delays)
         return [path for path in (*own, self.measurements, self.path_loss) if path is not None]

@@ -32,9 +32,20 @@ def track_online(
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
     measured: DistanceMeasurementFeed | None = None,
 ) -> Iterator[TrackChunk]:
-    """Generate tracks of all targets, chunk by chunk, by one filter a target.
+    """Generate tracks of all targets by one filter per target, chunk by chunk, in the order of time.
 
-    Arguments and errors are those of `occlog.track.drivers.stage.track`; `method` is the one that the task names.
+    Args:
+        bearings: chunks in the order of time.
+        scene: scene with the sensors.
+        method: the method that `tracking` names.
+        tracking: settings of the method, choice of rows, and selection of cameras.
+        occluders: priors of moving occluders in the order of time; None: unknown.
+        measured: ranges, signal strengths and time differences; None: missing.
+
+    Raises:
+        InputError: bearings that do not fit the scene.
+        UsageError: a start (`config.start`) for several targets; occluders or a selection that the method does not
+            take.
     """
     config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
@@ -86,7 +97,8 @@ def _selector(
 ) -> Selector[State, Config] | None:
     """Return the camera selector; None without a selection.
 
-    UsageError for a method that cannot predict the target's position.
+    Raises:
+        UsageError: the method cannot predict the target's position.
     """
     if tracking.selection is None:
         return None
@@ -102,10 +114,10 @@ def _selector(
 def _stepped(
     own: TargetFilter[State], method: Online[State, Config], selector: Selector[State, Config] | None, scan: Scan
 ) -> tuple[TargetFilter[State], EstimateRow | None]:
-    """Advance a target's filter by a scan; return its state and output row.
+    """Advance a target's filter by a scan; return the filter and an output row.
 
-    None instead of the row if the scan gives none; its frames count in the next row. With a `selector`, only selected
-    cameras are used.
+    The row is None if the scan gives no estimate; its frames then count in the next row. With a `selector`, only rows
+    of selected cameras are used.
     """
     offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
@@ -125,8 +137,8 @@ def _stepped(
 
 
 def _targets(scan: Scan, filters: Collection[int], wanted: Collection[int] | None) -> list[int]:
-    """Return the identities, ascending, of targets with a filter or a label in the scan.
+    """Return the ascending identities of the targets to which a scan is given: with a filter, or a label in it.
 
-    Without any it is the first of `wanted` (None: all), or `FIRST_TARGET`.
+    Without any it is the first of `wanted` (None: no choice), or else `FIRST_TARGET`.
     """
     return sorted(scan.targets.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]
