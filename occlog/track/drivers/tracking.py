@@ -48,7 +48,7 @@ class TrackingTask(Generic[Config]):
     reject_outliers: bool = False
 
     def rows(self, scene: Scene) -> BearingRows:
-        """Return which rows of the bearings are used: their sensors (default: all of the scene), targets, unlabelled ones."""
+        """Return which rows of the bearings are used: by sensor (default: all of the scene), target and label."""
         used = frozenset(sensor_names(scene)) if self.sensors is None else self.sensors
         return BearingRows(used, self.targets, self.unlabelled)
 

@@ -275,7 +275,7 @@ class BoxStatistics:
         return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
 
     def saw(self, frame: FrameDetections) -> None:
-        """Count a frame and its boxes, and update the camera's first and last time."""
+        """Count a frame and its boxes, and update the camera's first and last time, in place."""
         c = frame.camera
         self.frames[c] += 1
         self.boxes[c] += len(frame.boxes)

@@ -204,7 +204,7 @@ class PeopleInput:
         return {"clock_corrections_s": added} if added else {}
 
     def _in_world_time(self, frames: Iterator[FrameDetectionsWithIds]) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames with times corrected by the clocks of the scene."""
+        """Generate the frames with times corrected by the clocks of the scene, sorted by the corrected times."""
         changes = self.clock_changes
         return retimed(frames, changes, len(self.cameras)) if changes else frames
 
@@ -292,7 +292,7 @@ class PeopleInput:
         ]
 
     def _frames(self) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames of all cameras and position sensors, sorted by time."""
+        """Generate the frames of all cameras and position sensors in use, sorted by time; `tally` is updated."""
         if not self.sources:
             return self._camera_frames()
         index_of = {name: len(self.cameras) + k for k, name in enumerate(self.sources)}
@@ -300,7 +300,10 @@ class PeopleInput:
         return in_order(self._camera_frames(), found) if self.cameras else found
 
     def _camera_frames(self) -> Iterator[FrameDetectionsWithIds]:
-        """Generate the frames of all cameras, with frames that have no detection inserted."""
+        """Generate the frames of all cameras in use, sorted by time.
+
+        Frames without detections are inserted where the input omits them.
+        """
         known = [c.name for c in self.scene.cameras]
         boxes, external_table = self.opened.has(Boxes), self.opened.external_table
         views = () if boxes else self.opened.rows(Views)
@@ -431,7 +434,11 @@ class ImageInput(PeopleInput):
 
         Args:
             request: request to track in the images.
-            in_world_time: times are those of the clocks of the scene; else those of the input, which images have.
+            in_world_time: correct times by the clocks of the scene; else they are those of the input and its images.
+
+        Raises:
+            UsageError: no camera is left, or a requested one is unknown.
+            InputError: there are no boxes.
         """
         self.request = request
         self.opened = open_input(request.bearings)

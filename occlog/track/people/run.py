@@ -56,7 +56,7 @@ class _Counts:
     """
 
     def __init__(self, inputs: PeopleInput) -> None:
-        """Start with all counts at 0."""
+        """Start with all counts at 0; `inputs` is the tracker's input, with its counts of boxes."""
         self.inputs = inputs
         self.people: set[int] = set()
         self.rows = self.unseen = 0
@@ -100,7 +100,10 @@ class _Counts:
             yield finding(FOUND, "no-tracks")
 
     def _lost(self) -> Iterator[Check]:
-        """Generate findings about cameras for which ingest omitted many boxes outside the image."""
+        """Generate findings about cameras of which many boxes were omitted when the input was made.
+
+        They lay outside the image; the share is above `MAX_SKIPPED_SHARE`.
+        """
         tally = self.inputs.tally
         kept = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.inputs.names):

@@ -203,13 +203,13 @@ class Tabulator:
         person_height: float = 1.7,
         room: Floats | None = None,
     ) -> None:
-        """Create empty counts.
+        """Prepare the tables, with all counts at 0.
 
         Args:
-            cameras: cameras in the order of the frames' indices, then sources of positions.
-            in_images: project all tracks into every image.
-            person_height: mean height of people, in the scene's unit.
-            room: (K, 2) where people can be; None: not stated.
+            cameras: cameras in the order of the frames' indices, then position sensors.
+            in_images: project all tracks into every image (table `view_tracks`).
+            person_height: mean height of people in the scene's unit.
+            room: (K, 2) polygon where people can be; None: not stated.
         """
         self._names = [c.name for c in cameras]
         self._cameras = sum(not isinstance(c, PositionSource) for c in cameras)

@@ -12,9 +12,10 @@ from occlog.track.smoothing_and_lag import LagConfig
 
 @dataclass(frozen=True)
 class JipdaConfig(LagConfig):
-    """Settings of method `jipda`: body sizes, motion, box noise, detection and existence probabilities.
+    """Settings of method `jipda`; lengths in the scene's unit, times in seconds.
 
-    Lengths are in the scene's unit, times in seconds; each field has its own help text and range.
+    They concern body sizes, motion, box noise, detection and existence probabilities; each field has its help and
+    range.
     """
 
     OWNER: ClassVar[str] = "jipda"

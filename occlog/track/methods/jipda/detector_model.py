@@ -512,12 +512,12 @@ def common_clutter_ratio(counts: DetectorStatistics) -> float:
 
 
 def track_termination_rate(counts: DetectorStatistics) -> float:
-    """Track termination rate: people who leave, per person and second [1/s]."""
+    """Return the rate at which people leave the scene, per person [1/s]."""
     return float(counts.left[0] / counts.left[1])
 
 
 def hiding_rate(counts: DetectorStatistics) -> Floats:
-    """(C,) rate [1/s] at which something unknown hides a person in plain view of each camera."""
+    """Return (C,) rates [1/s] at which an unmodelled obstacle comes to hide a person in plain view of each camera."""
     return np.asarray(counts.hidden[:, 0] / counts.hidden[:, 1])
 
 
@@ -592,7 +592,7 @@ class Clutter(NamedTuple):
 
 
 def no_clutter() -> Clutter:
-    """Create an empty set of clutter sources."""
+    """Return clutter sources of a camera without any source (n = 0)."""
     return Clutter(np.zeros((0, 4)), *np.zeros((4, 0)))
 
 

@@ -19,9 +19,10 @@ AT_LEAST_0: dict[str, Any] = {"at_least": 0.0, "at_most": MOST}
 
 @dataclass(frozen=True)
 class MapConfig(Settings):
-    """Settings of method `map`: motion model, loss, constraints, estimate, search and lag.
+    """Settings of method `map`; lengths in the scene's unit, times in seconds.
 
-    Lengths are in the scene's unit, times in seconds; each field has its own help text and range.
+    They concern the motion model, the loss, constraints, the estimate, the search and the lag; each field has its help
+    and range.
     """
 
     OWNER: ClassVar[str] = "map"

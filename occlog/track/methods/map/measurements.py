@@ -233,13 +233,13 @@ def _before(position: Floats, bearing: Floats, away: Floats, walls: tuple[Floats
 
 
 def first_hit(position: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
-    """Return (n,) index of the edge first hit by lines of sight from one position; -1 for none.
+    """Return (n,) index of the edge that each line of sight from one position hits first; -1: none.
 
     Args:
-        position: (2,) position where the lines of sight begin.
-        bearing: (n,) directions of the lines of sight [rad].
+        position: (2,) origin of the lines of sight.
+        bearing: (n,) their directions [rad].
         start: (E, 2) one end of each edge.
-        edge: (E, 2) from there to the other end.
+        edge: (E, 2) vector from there to the other end.
     """
     ray = np.column_stack([np.cos(bearing), np.sin(bearing)])[:, None, :]
     to = (start - position)[None]

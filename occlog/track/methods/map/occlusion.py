@@ -115,7 +115,7 @@ def occlusion_terms(
 
 
 def _detection(pending: Pending, i: int) -> float:
-    """Return the detection probability of camera `i`: its own, or that of the settings; 1 if unknown."""
+    """Return the detection probability of the camera with index `i`: its own, or that of the settings; 1 if unknown."""
     own = float(pending.at.detection[i])
     if math.isnan(own):
         own = 1.0 if pending.config.detection_probability is None else pending.config.detection_probability
@@ -188,7 +188,7 @@ def _between(a: tuple[Floats, Floats, Floats], b: tuple[Floats, Floats, Floats])
 
 
 def _term(hints: QuadraticPriors, m: int) -> tuple[Floats, Floats, Floats]:
-    """Return centre (2,), slope (2,) and curvature (2, 2) of quadratic term `m`."""
+    """Return the quadratic term with index `m`: centre (2,), slope (2,) there, and curvature (2, 2)."""
     xx, xy, yy = hints.bend[m]
     return hints.position[m], hints.slope[m], np.array([[xx, xy], [xy, yy]])
 

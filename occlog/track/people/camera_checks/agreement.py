@@ -289,7 +289,10 @@ class CameraAgreement:
             yield finding(FITS, "camera-error", sensors=[self.names[c] for c in cameras], change=words)
 
     def _gaps(self) -> Iterator[Check]:
-        """Generate findings about cameras with a long gap without boxes while others detect people in their views."""
+        """Generate findings about cameras with a long interval without boxes.
+
+        Others detect people in the camera's view meanwhile.
+        """
         for gap in self._faults.gaps():
             name = self.names[gap.camera]
             yield finding(GAPS, "camera-gap", sensors=[name], begin_s=gap.begin_s, end_s=gap.end_s, people=gap.people)

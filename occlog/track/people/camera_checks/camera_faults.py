@@ -95,10 +95,10 @@ class FittingChange(NamedTuple):
     """A correction of cameras after which their boxes overlap the people that the other cameras locate.
 
     Attributes:
-        cameras: that are changed.
-        words: the mistake.
-        fit: share of people expected in an image who then have a box there.
-        now: that share as cameras are.
+        cameras: indices of the cameras that are changed.
+        words: description of the mistake, for a message.
+        fit: share, after the correction, of the people expected in an image that overlap a box there.
+        now: that share with the cameras as given.
     """
 
     cameras: tuple[int, ...]
@@ -112,8 +112,8 @@ class Gap(NamedTuple):
 
     Attributes:
         camera: index of the camera.
-        begin_s, end_s: after the first time step [s].
-        people: number of detections of another camera in its view.
+        begin_s, end_s: first and last time step without a box [s], after the first time step of the recording.
+        people: number of detections of another camera in its view meanwhile.
         share: length of the gap as a share of the recording.
     """
 
@@ -138,7 +138,12 @@ class CameraFaults:
     """
 
     def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
-        """Start without boxes; `person_height` in the scene's unit."""
+        """Start without boxes.
+
+        Args:
+            cameras: cameras with poses, by index.
+            person_height: mean height of people in the scene's unit.
+        """
         self._cameras, self._height = list(cameras), person_height
         self._samples: list[tuple[int, dict[int, Floats]]] = []
         self._step = self._count = 0

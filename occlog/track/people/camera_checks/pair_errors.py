@@ -105,8 +105,8 @@ class Evidence(NamedTuple):
     """Normal equations with a Gaussian prior of the parameters, and the evidence (marginal likelihood) of that model.
 
     Attributes:
-        normal: (T, K, K + 1) of each time step, of cameras as they are stated.
-        prior: (K, K) covariance of the parameters.
+        normal: (T, K, K + 1) rows (N, b) of each time step, about the calibration as stated.
+        prior: (K, K) covariance of the K parameters, whose prior mean is 0.
     """
 
     normal: Floats
@@ -336,8 +336,8 @@ class _LocatingCamera:
         Args:
             view: camera with its boxes.
             t_ns: (T,) times of the time steps.
-            person_height: height of people in the scene's unit.
-            every: step between the time steps with boxes that count.
+            person_height: mean height of people in the scene's unit.
+            every: only boxes of every so many-th time step count; the others serve for velocities.
         """
         self.camera, self.height = view.camera, person_height
         people = located(view, person_height)

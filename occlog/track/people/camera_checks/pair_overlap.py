@@ -39,7 +39,7 @@ class BoxesOfCamera(NamedTuple):
     Attributes:
         camera: camera, which has a pose.
         boxes: (n, 4) left, top, right, bottom [px].
-        steps: (n,) number of the time step of each.
+        steps: (n,) index of the time step of each box.
     """
 
     camera: Camera
@@ -93,7 +93,7 @@ class Overlap(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """Chance-corrected share of overlapping people, like Cohen's kappa.
+        """Share of overlapping people beyond chance, like Cohen's kappa.
 
         1 if all overlap, 0 if as many as by chance.
         """
@@ -102,7 +102,7 @@ class Overlap(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean overlap minus the mean overlap by chance."""
+        """Mean overlap (intersection over union) minus the mean overlap by chance; NaN if no person is expected."""
         return float(np.mean(self.met) - np.mean(self.chance)) if len(self.met) else float("nan")
 
 
@@ -302,7 +302,11 @@ def _of_pairs(
 ) -> dict[tuple[int, int], Overlap]:
     """Return, by pair (a, b), the overlaps of people located by camera a with the boxes of camera b.
 
-    `pairs` are indices of `views`, `steps` is the number of time steps, `person_height` in the scene's unit.
+    Args:
+        views: cameras with their boxes.
+        pairs: pairs of indices of `views`.
+        steps: number of time steps.
+        person_height: mean height of people in the scene's unit.
     """
     people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
     padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}

@@ -594,7 +594,10 @@ def add(
 
 
 def finish(window: SmoothingWindow, state: JipdaState) -> list[TrackSnapshot]:
-    """Return the smoothed time steps that were not yet reported, at the end of the input."""
+    """Return the smoothed time steps that were not yet reported, at the end of the input.
+
+    `window` is the fixed-lag buffer, `state` the filter state after the last time step.
+    """
     return _report(window, state, len(window.snapshots))[1]
 
 

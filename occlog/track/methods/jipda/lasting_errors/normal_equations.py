@@ -38,14 +38,15 @@ class Batches:
 
     @classmethod
     def of(cls, parameters: int) -> Batches:
-        """Return sums without data for K = `parameters` parameters."""
+        """Return sums of normal equations without data, for K = `parameters` parameters."""
         none = np.zeros((parameters, parameters + 1))
         return cls(none[None][:0], none)
 
     def add(self, t_ns: int, normal: Floats) -> Batches:
-        """Return the sums with the normal equations (K, K + 1) of a time step at `t_ns` added.
+        """Return the sums with the normal equations of a time step at `t_ns` added.
 
-        A batch that has lasted `BATCH_S` is complete: the next one begins at `t_ns`.
+        `normal` (K, K + 1) are rows (N, b) of N p = b. A batch that has lasted `BATCH_S` is complete with this time
+        step: the next one begins at `t_ns`; of complete batches the last `MAX_BATCHES` are kept.
         """
         since = t_ns if self.since_ns < 0 else self.since_ns
         total = self.open + normal

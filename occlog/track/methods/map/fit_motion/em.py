@@ -75,11 +75,17 @@ def fit_em(
 
 
 def fit_differences(paths: Sequence[MeasuredPath], step_s: float, shape: Shape, *, longest_gap_s: float) -> MotionFit:
-    """Fit the model by regression of each state on the previous one.
+    """Fit the motion model by regression of each state on the previous one.
 
-    Positions are taken as exact, velocities are central differences; errors of the positions become disturbances of the
-    motion. The log likelihood is that of the states, not comparable with other methods'; standard errors take residuals
-    as independent. Trajectories are cut at gaps longer than `longest_gap_s`; `step_s` is the model's step, > 0.
+    Positions are taken as exact, velocities are central differences; errors of the positions become process noise. The
+    log likelihood is that of the states, not comparable with that of `fit_em`; standard errors take residuals as
+    independent.
+
+    Args:
+        paths: positions of each object.
+        step_s: step of the model [s], > 0; positions are interpolated to it.
+        shape: which parameters are fitted; all rows of A in the form `full`, and no measurement noise.
+        longest_gap_s: trajectories are cut at longer gaps [s].
 
     Raises:
         ValueError: too few transitions, or nothing moves.

@@ -77,7 +77,10 @@ def names(shape: Shape) -> tuple[str, ...]:
 
 @functools.cache
 def limits(shape: Shape) -> tuple[tuple[float | None, float | None], ...]:
-    """Return lower and upper bounds of the free parameters, in the order of `names`; None: unbounded."""
+    """Return lower and upper bounds of the free parameters, in the order of `names`; None: unbounded.
+
+    Those of standard deviations are of their logarithms.
+    """
     small, large = float(np.log(SMALLEST)), float(np.log(LARGEST))
     out: list[tuple[float | None, float | None]] = []
     for name in names(shape):

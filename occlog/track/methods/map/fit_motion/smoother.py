@@ -79,7 +79,10 @@ def smooth(
 
 @kernel
 def _observation_matrix(off: float) -> Floats:
-    """Return the measurement matrix C (2, 4) of a position measured `off` steps after its node."""
+    """Return the measurement matrix C (2, 4) of a position measured `off` steps after its node: x + off * velocity.
+
+    The state is x, vx, y, vy, velocities per step.
+    """
     C = np.zeros((2, 4))
     C[0, 0] = C[1, 2] = 1.0
     C[0, 1] = C[1, 3] = off
@@ -245,7 +248,7 @@ def make_nodes(paths: Iterable[MeasuredPath], step_s: float, longest_gap_s: floa
 
 
 def split(path: MeasuredPath, longest_gap_s: float) -> list[MeasuredPath]:
-    """Return the path split at gaps longer than `longest_gap_s` [s]."""
+    """Return the parts of a path between gaps longer than `longest_gap_s` [s], in the order of time."""
     cuts = np.flatnonzero(np.diff(path.t_ns) > longest_gap_s * 1e9 * (1.0 + 1e-9)) + 1
     bounds = [0, *cuts.tolist(), len(path.t_ns)]
     return [

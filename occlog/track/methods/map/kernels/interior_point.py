@@ -147,7 +147,7 @@ def _least(planes: HalfPlanes, first: int, last: int, u: float, v: float) -> flo
 
 @kernel
 def _square(U: Floats, out: Floats) -> None:
-    """Set `out` (4, 4) to U' U, for a lower triangular U (4, 4)."""
+    """Write U' U to `out` (4, 4), for a lower triangular U (4, 4)."""
     for i in range(4):
         for j in range(i + 1):
             v = 0.0
@@ -159,7 +159,10 @@ def _square(U: Floats, out: Floats) -> None:
 
 @kernel
 def _cholesky(S: Floats, R: Floats) -> bool:
-    """Write the factor of S = R' R (4, 4) with R upper triangular; return False if S is not positive definite."""
+    """Write the upper triangular R (4, 4) with S = R' R, the Cholesky factor of a symmetric S (4, 4).
+
+    Return False, with R incomplete, if S is not numerically positive definite.
+    """
     for i in range(4):
         v = S[i, i]
         for k in range(i):

@@ -58,7 +58,7 @@ class PairCosts(NamedTuple):
 
 @kernel
 def half_square(e0: float, e1: float, s00: float, s01: float, s11: float) -> float:
-    """Return half the squared Mahalanobis length of a 2-D vector (e0, e1) with covariance s00, s01, s11."""
+    """Return half the squared Mahalanobis length of a vector (e0, e1) with the covariance [[s00, s01], [s01, s11]]."""
     det = max(s00 * s11 - s01 * s01, 1e-300)
     return 0.5 * (s11 * e0 * e0 - 2.0 * s01 * e0 * e1 + s00 * e1 * e1) / det
 
@@ -161,7 +161,10 @@ def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> 
 
 
 def modes_of_path(chain: ModeChain, pairs: PairCosts, pair: int) -> Ints:
-    """Return (W,) indices of the modes of the cheapest path through the pair with index `pair`."""
+    """Return (W,) indices of the modes, one per time, of the cheapest path through the pair with index `pair`.
+
+    `pairs` are the costs of all pairs of modes at successive times, from `pair_costs`.
+    """
     path, one = [pair], pair
     while (one := int(pairs.back[one])) >= 0:
         path.append(one)

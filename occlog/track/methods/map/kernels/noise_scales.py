@@ -121,7 +121,10 @@ def sandwich(problem: TrajectoryProblem, X: Floats, spread: Floats) -> Floats:
 
 
 def between(part: Floats, whole: Floats) -> Floats:
-    """Return a covariance `part` (T, 4, 4), clipped to between 0 and `whole` (T, 4, 4) against rounding errors."""
+    """Return covariances `part` (T, 4, 4) clipped to between 0 and `whole` (T, 4, 4), against rounding errors.
+
+    Relative to `whole`, eigenvalues are limited to 0 to 1 where one exceeds that by more than `BEYOND`.
+    """
     size, axes = np.linalg.eigh(whole)
     root = axes * np.sqrt(np.maximum(size, np.finfo(np.float64).tiny))[:, None, :]
     back = np.linalg.pinv(root, rcond=0.0)

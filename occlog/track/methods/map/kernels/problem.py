@@ -171,14 +171,14 @@ def select_priors(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPrior
 
 
 def join_lines(*parts: BearingLinesByStep) -> BearingLinesByStep:
-    """Concatenate sets of lines of sight, sorted by step."""
+    """Concatenate sets of lines of sight to one, sorted by state."""
     order = np.argsort(np.concatenate([p.step for p in parts]), kind="stable")
     joined = BearingLinesByStep(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return some_lines(joined, order)
 
 
 def join_planes(*parts: HalfPlanes) -> HalfPlanes:
-    """Concatenate sets of constraints, sorted by step."""
+    """Concatenate sets of half-planes to one, sorted by state."""
     step = np.concatenate([p.step for p in parts])
     order = np.argsort(step, kind="stable")
     normal, offset = np.concatenate([p.normal for p in parts]), np.concatenate([p.offset for p in parts])
@@ -236,9 +236,10 @@ def start_on_axes(lines: BearingLinesByStep, T: int, centre: Floats, depth: floa
 
 
 def linear_problem(problem: TrajectoryProblem, distance: Floats) -> TrajectoryProblem:
-    """Return the problem with residuals replaced by pseudo-linear ones, of square loss.
+    """Return the problem with residuals that are linear in the state, and square loss.
 
-    r = (f h - z d) / (sigma D), with a distance D fixed in advance, is linear in the state.
+    r = (f h - z d) / (sigma D), with offset h and depth d of the state, focal length f, reading z, and a fixed distance
+    D in place of d.
 
     Args:
         problem: cost and constraints of a trajectory, with any loss.

@@ -47,7 +47,7 @@ def part(problem: TrajectoryProblem, first: int, last: int, before: StatePrior) 
 
 
 def make_first(steps: ChainSteps, before: StatePrior) -> ChainSteps:
-    """Return the chain with `before` as the prior of its first state."""
+    """Return the motion chain with the Gaussian `before` as the prior of its first state."""
     whiten = np.linalg.solve(np.linalg.cholesky(before.spread), np.eye(4))
     return steps._replace(mean=before.mean, spread=before.spread, whiten_first=np.ascontiguousarray(whiten))
 

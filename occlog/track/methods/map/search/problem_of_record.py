@@ -136,7 +136,10 @@ def _extent(scene: Scene) -> float:
 
 
 def _moves_freely(config: MapConfig) -> bool:
-    """Return whether the motion model is translation-invariant, so that any origin may be used."""
+    """Return whether the motion model is translation-invariant (constant velocity, or fitted so).
+
+    Then any origin of coordinates may be used.
+    """
     return bool(np.allclose(motion_of(config).A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
