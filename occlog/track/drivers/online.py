@@ -95,7 +95,9 @@ def track_online(
 def _selector(
     scene: Scene, method: Online[State, Config], tracking: TrackingTask[Config]
 ) -> Selector[State, Config] | None:
-    """Return the camera selector; None without a selection.
+    """Return the selector of cameras for the options of `tracking`; None without a selection.
+
+    It uses the method's prediction of a target's position, and the sensors in use with their poses in the scene.
 
     Raises:
         UsageError: the method cannot predict the target's position.
@@ -114,10 +116,16 @@ def _selector(
 def _stepped(
     own: TargetFilter[State], method: Online[State, Config], selector: Selector[State, Config] | None, scan: Scan
 ) -> tuple[TargetFilter[State], EstimateRow | None]:
-    """Advance a target's filter by a scan; return the filter and an output row.
+    """Advance one target's filter by a scan; return the filter and an output row.
 
     The row is None if the scan gives no estimate; its frames then count in the next row. With a `selector`, only rows
     of selected cameras are used.
+
+    Args:
+        own: the target's filter state, random numbers and selection; not changed.
+        method: the method that filters.
+        selector: selects cameras; None: all rows are used.
+        scan: rows of this target, and unlabelled ones.
     """
     offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
@@ -137,8 +145,9 @@ def _stepped(
 
 
 def _targets(scan: Scan, filters: Collection[int], wanted: Collection[int] | None) -> list[int]:
-    """Return the ascending identities of the targets to which a scan is given: with a filter, or a label in it.
+    """Return the ascending identities of the targets to which a scan is given.
 
-    Without any it is the first of `wanted` (None: no choice), or else `FIRST_TARGET`.
+    They are those that have a filter (the identities `filters`) or a label in the scan. Without any it is the first of
+    `wanted` (None: no choice), or else `FIRST_TARGET`.
     """
     return sorted(scan.targets.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]

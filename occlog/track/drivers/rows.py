@@ -263,7 +263,7 @@ class NetworkTraffic:
     """
 
     def __init__(self) -> None:
-        """Start with all counts at 0."""
+        """Start without messages."""
         self.reports = 0
         self.offered = 0
         self.orders = 0

@@ -55,7 +55,10 @@ class TrackingTask(Generic[Config]):
     def scans(
         self, bearings: Iterable[Bearings], scene: Scene, measured: DistanceMeasurementFeed | None
     ) -> Iterator[Scan]:
-        """Generate the scans of the used rows in the order of time, joined with distance measurements if given."""
+        """Generate the scans of the used rows of `bearings` in the order of time, grouped by `window_ns`.
+
+        If `measured` is given, its ranges, signal strengths and time differences are joined with them by time.
+        """
         scans = scans_of(bearings, scene, self.rows(scene), self.window_ns)
         return scans if measured is None else measured.joined(scans, self.sensors, self.targets, self.window_ns)
 

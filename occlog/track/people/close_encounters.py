@@ -144,9 +144,9 @@ def _pairs(positions: Floats, distance: float) -> list[tuple[int, int]]:
 
 
 def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
-    """Return `possible_switch` events of two people, one for each, or none below `MIN_SWITCH_PROBABILITY`.
+    """Return two events `possible_switch`, one for each of the identities in `pair`.
 
-    `pair` are their identities.
+    None (an empty list) if `probability` is below `MIN_SWITCH_PROBABILITY`.
     """
     if probability < MIN_SWITCH_PROBABILITY:
         return []

@@ -205,10 +205,11 @@ def name_probability(
 
 
 def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -> Events:
-    """Return the events with the new identities, without possible switches that appearance resolves, sorted.
+    """Return the events with the new identities of the fragments, sorted, without switches that appearance resolves.
 
     If the boxes of both people identify them before and after a possible switch, its probability is that of a wrong
-    re-identification; events below `MIN_SWITCH_PROBABILITY` are dropped.
+    re-identification; events below `MIN_SWITCH_PROBABILITY` are dropped. `pieces` are the fragments, `names` their
+    identities.
     """
     own, other = pieces.of(events.target_id, events.t_ns), pieces.of(events.other_id, events.t_ns)
     doubt = events.kind == SWITCH_EVENT
@@ -232,9 +233,10 @@ def named_events(events: Events, pieces: TrackFragments, names: FragmentNames) -
 def reidentification_events(
     pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> list[tuple[int, str, int, int, float]]:
-    """Return the events `reidentified` of fragments that were identified by appearance, as rows.
+    """Return an event `reidentified`, as a row, for each fragment that was identified by appearance.
 
-    A row is time [ns], kind, identity, -1, probability; only fragments that begin from `first_ns` to `last_ns`.
+    A row is time [ns], kind, identity, -1, probability. Only fragments that begin from `first_ns` to `last_ns` count.
+    `pieces` are the fragments, `names` their identities.
     """
     now = (pieces.first_ns >= first_ns) & (pieces.first_ns <= last_ns) & np.isfinite(names.probability)
     return [
@@ -244,7 +246,7 @@ def reidentification_events(
 
 
 def named_tracks(tracks: PeopleTracks, doubts: Events, pieces: TrackFragments, names: FragmentNames) -> PeopleTracks:
-    """Return the tracks with the new identities, sorted.
+    """Return the tracks with the new identities of their fragments, sorted by time and identity.
 
     The flag `possible_switch` stays only where `doubts` (events with the new identities) has such an event.
     """
@@ -280,6 +282,9 @@ class _TrackRows(NamedTuple):
 class GalleryReidentification:
     """Re-identification of the tracks of all people with an appearance gallery.
 
+    `named` takes all parts of the output and generates them with the gallery's identities; notes, figures and losses
+    are complete then.
+
     Attributes:
         parameters: settings for the provenance.
     """
@@ -307,7 +312,10 @@ class GalleryReidentification:
         return (*input_losses([self._opened, own]), *self._seen.losses())
 
     def notes(self) -> Iterator[str]:
-        """Generate a warning if no track was identified, with the reasons."""
+        """Generate a warning text if no track was identified as a person of the gallery, with the reasons.
+
+        Nothing is generated before `named` has finished.
+        """
         if self._figures and not self._figures["tracks_reidentified"]:
             seen = self._decisions
             why = ", ".join(f"{name} {count}" for name, count in sorted(seen.reasons.items())) or "none"
@@ -357,7 +365,10 @@ class GalleryReidentification:
                 yield _renamed(part, pieces, names, first_ns, last_ns)
 
     def _names(self, rows: _TrackRows, pieces: TrackFragments) -> FragmentNames:
-        """Compare the boxes with the gallery, and return the identities of the fragments; the figures are updated."""
+        """Compare the boxes of the tracks `rows` with the gallery; return the identities of the fragments `pieces`.
+
+        The counts for the summary are updated.
+        """
         tally = EvidenceTally()
         table = Boxes if self._inputs.opened.has(Boxes) else Views
         frames = boxes_of_frames(self._inputs.opened.rows(table))  # type: ignore[arg-type]
@@ -463,9 +474,9 @@ def _owned(frames: Iterable[FrameBoxes], rows: _TrackRows, names: tuple[str, ...
 def _renamed(
     part: SnapshotTables, pieces: TrackFragments, names: FragmentNames, first_ns: int, last_ns: int
 ) -> SnapshotTables:
-    """Return a part of the output with the new identities, and with events `reidentified`.
+    """Return a part of the output with the new identities `names` of the fragments `pieces`.
 
-    These are of fragments that begin from `first_ns` to `last_ns`.
+    Events `reidentified` are added for fragments that begin from `first_ns` to `last_ns`.
     """
     events = named_events(part.events, pieces, names)
     named = Events.of_rows(reidentification_events(pieces, names, first_ns, last_ns))

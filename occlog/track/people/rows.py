@@ -230,7 +230,7 @@ class TracksInViews:
         return table.sorted()
 
     def _in_frame(self, snapshot: TrackSnapshot, each: FrameDetectionsWithIds) -> ViewRows:
-        """Return rows of all tracks that are in the view of one frame.
+        """Return rows of all tracks of `snapshot` that are in the view of the camera frame `each`.
 
         They are projected from the ground plane at the frame's time; a detected box counts with the visible share as
         weight.

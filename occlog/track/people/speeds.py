@@ -63,9 +63,10 @@ class PeopleSpeeds:
             self._add_legs(id, places[rows], speed[rows])
 
     def _add_legs(self, id: int, places: Floats, speed: Floats) -> None:
-        """Count the completed legs of a track, and the slow ones among them.
+        """Count the completed legs of the track `id`, and the slow ones among them.
 
-        `places` (n, 2) are its next positions, `speed` (n,) [person heights/s]; the last leg stays open.
+        `places` (n, 2) are its next positions, `speed` (n,) [person heights/s]; the last leg stays open. A leg is slow
+        if its top speed is below `MIN_TOP_SPEED`.
         """
         begin, top = self._legs.get(id, (places[0], 0.0))
         while len(places):
@@ -99,7 +100,10 @@ class PeopleSpeeds:
         return outcome(SPEEDS, self._findings(unit), unless=few, median=self.median)
 
     def _findings(self, unit: str) -> Iterator[Check]:
-        """Generate a finding if people are faster than runners, or too slow for the distance that they cover."""
+        """Generate a finding if people are faster than runners, or too slow for the distance that they cover.
+
+        `unit` is the length unit, for messages.
+        """
         ends = np.array(list(self._tracks.values())).reshape(-1, 2)
         life_s = float((ends[:, 1] - ends[:, 0]).mean()) if len(ends) else 0.0
         limit = (MAX_SPEED if life_s >= SHORT_S else MAX_SPEED_IF_SHORT) * self.height

@@ -173,9 +173,13 @@ def _reported(
     config: JipdaConfig,
     seed: int,
 ) -> Iterator[SnapshotWithDetections]:
-    """Generate the result of each time step in order: immediately, or after smoothing if the settings request it.
+    """Generate the result of each time step in order: immediately, or after smoothing if `config` requests it.
 
-    `steps` are filter states and tracks; `seed` is that of the smoother's random numbers.
+    Args:
+        steps: filter state and tracks after each time step.
+        follower: the method, with its smoother.
+        config: settings of the method.
+        seed: seed of the smoother's random numbers.
     """
     if not config.smoothed or follower.future is None:
         yield from (seen for _, seen in steps)

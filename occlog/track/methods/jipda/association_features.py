@@ -116,9 +116,9 @@ def log_ratio_at(law: FeatureLikelihood, value: float) -> float:
 
 @kernel
 def _log_ratios(law: FeatureLikelihood, value: Floats) -> Floats:
-    """Return (n,) log likelihood ratios, correct box against other box, of feature values (n,); 0 for NaN.
+    """Return (n,) log likelihood ratios of feature values `value` (n,): correct box against other box; 0 for NaN.
 
-    They are shrunk and limited as by `log_ratio_at`.
+    `law` has the two normal distributions; ratios are shrunk for small samples and limited, as by `log_ratio_at`.
     """
     out = np.empty(value.shape[0])
     for k in range(value.shape[0]):

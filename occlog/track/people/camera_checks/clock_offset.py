@@ -64,7 +64,10 @@ class ClockOffsetSearch:
     def add(self, snapshot: TrackSnapshot, frames: Sequence[FrameDetectionsWithIds], by: Bools) -> None:
         """Keep the people and boxes of a time step; nothing is kept after `MAX_STEPS` time steps.
 
-        `by` (m, C) states whether each of C cameras has a box of each of m people.
+        Args:
+            snapshot: m tracks after the time step.
+            frames: camera frames of the time step.
+            by: (m, C) whether each camera has a box of each person.
         """
         if len(self._t_ns) >= MAX_STEPS:
             return

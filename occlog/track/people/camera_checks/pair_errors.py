@@ -328,7 +328,11 @@ def _edge_middles(boxes: Floats) -> Floats:
 
 
 class _LocatingCamera:
-    """A camera with the people in its boxes: feet and heads in the normalised image, positions, and covariances."""
+    """A camera with the people in its boxes, located by this camera alone; n boxes.
+
+    `ends` (2, n, 2) are feet and heads in the normalised image, `people` (n, 3) x, y and height with `covariances`
+    (n, 3, 3), `velocities` (n, 2) and `steps` (n,) the time steps; NaN: not located.
+    """
 
     def __init__(self, view: BoxesOfCamera, t_ns: Ints, person_height: float, every: int) -> None:
         """Select the boxes that locate a person, and compute positions and velocities of the people.
@@ -464,7 +468,13 @@ def _of_pair(a: _LocatingCamera, b: _LocatingCamera, steps: int, person_height: 
     """Return normal equations (T, K, K + 1) of a pair of cameras by time step, with K = 2 `OWN` + `COMMON`.
 
     Parameters are those of a, of b, and of all boxes; the last column is the right-hand side. All 0 for fewer than
-    `MIN_PAIRS` pairs of boxes. T = `steps`.
+    `MIN_PAIRS` pairs of boxes.
+
+    Args:
+        a: first camera, with the people that it locates.
+        b: second camera.
+        steps: T.
+        person_height: mean height of people in the scene's unit; limits the distance of a pair.
     """
     out = np.zeros((steps, 2 * OWN + COMMON, 2 * OWN + COMMON + 1))
     i, j = _of_one_person(a, b, MAX_APART_HEIGHTS * person_height)

@@ -253,7 +253,7 @@ def projected_people(camera: Camera, people: Floats) -> Floats:
 
 
 def in_image(boxes: Floats, size: Floats) -> Bools:
-    """Return a mask (n,): the centre of the box (n, 4) is in an image of this size (2,) [px]."""
+    """Return a mask (n,): the centre of each of the `boxes` (n, 4) is in an image of `size` (2,) width, height [px]."""
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
         return np.asarray(((middle > 0.0) & (middle < size)).all(axis=1))
@@ -351,9 +351,9 @@ def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
 
 
 def _largest(boxes: Floats, others: Floats) -> Floats:
-    """Return the largest intersection over union (n,) of each box (n, 4) with the boxes (n, m, 4) of its time step.
+    """Return the largest intersection over union (n,) of each box (n, 4) with the boxes `others` (n, m, 4) in its row.
 
-    0 without overlap.
+    0 without overlap; others may be NaN.
     """
     if not len(boxes):
         return np.zeros(0)

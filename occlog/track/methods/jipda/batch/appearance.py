@@ -82,6 +82,7 @@ def log_ratio_joined(similar: AppearanceVectors, sums: AppearanceSums, i: int, k
     """Return the log likelihood ratio that the boxes of up to three parts of a track are of one person.
 
     The parts are a track up to and including node `i`, node `k`, and a track from node `j` on; -1 leaves a part out.
+    `similar` are the nodes' appearances, `sums` their cumulative sums along the tracks. 0 without appearances.
     """
     if similar.total.shape[1] == 0:
         return 0.0

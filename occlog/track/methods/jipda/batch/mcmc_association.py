@@ -146,9 +146,10 @@ class MarkovChainState(NamedTuple):
 
 @kernel
 def can_link(nodes: TrackletNodes, walk: WalkModel, i: int, j: int) -> bool:
-    """Return whether node j can be the successor of node i: later, within reach, and near enough.
+    """Return whether node j can be the successor of node i in a track.
 
-    The distance must be possible at the greatest speed.
+    It must be later by at most `walk.reach` time steps, and within the distance of the greatest speed plus
+    `walk.slack`.
     """
     gap = nodes.step[j] - nodes.step[i]
     if gap < 1 or gap > walk.reach:

@@ -125,8 +125,9 @@ def _smoothed(
 def _prior(tracks: ChainTracks, span: WindowSpan, common: tuple[float, float]) -> tuple[Floats, Floats]:
     """Return the prior mean (8,) and covariance (8, 8) of a new track: a person's state, and the common error.
 
-    The mean position is 0, with the standard deviation `DIFFUSE_SIGMA_M`. `common` is the variance per axis and the
-    correlation time [s] of the error.
+    The mean position is 0, with the standard deviation `DIFFUSE_SIGMA_M`; velocity and body size are those of the
+    tracks' motion model. `common` is the variance per axis and the correlation time [s] of the position error in x and
+    y.
     """
     mean, variance = np.zeros(FULL_SIZE), np.empty(FULL_SIZE)
     mean[2:STATE_SIZE] = tracks.walk.mean[2:]

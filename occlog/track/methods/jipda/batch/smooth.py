@@ -208,9 +208,9 @@ def _seeing(boxes: PackedDetections, rates: DetectorModel, snapshot: TrackSnapsh
 
 
 def _rates(state: JipdaState, span: WindowSpan, between: float = 1.0) -> DetectorModel:
-    """Return the detectors' parameters at each camera's mean frame period.
+    """Return the detectors' parameters, as learned by the filter, for each camera's mean frame period in `span`.
 
-    `between` is the number of a camera's frames per frame that is used, >= 1.
+    `between` is the number of a camera's frames per frame that is used, >= 1: errors farther apart are less correlated.
     """
     # Mean frame period of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -343,7 +343,10 @@ def _scattered(tracks: ChainTracks, span: WindowSpan, square: float, new: float,
 
 
 def track_extension(span: WindowSpan) -> float:
-    """Return the time [s] by which a track is extended before its first and after its last node."""
+    """Return the time [s] by which a track is extended before its first and after its last node.
+
+    At least `MIN_EXTENSION_S` and `MIN_EXTENSION_STEPS` mean time steps, plus half a time step.
+    """
     return max(MIN_EXTENSION_S, MIN_EXTENSION_STEPS * span.step) + 0.5 * span.step
 
 

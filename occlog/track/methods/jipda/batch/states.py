@@ -68,7 +68,7 @@ def states(
 
 @kernel
 def _count_states(nodes: TrackletNodes, chain: MarkovChainState, first: Ints, last: Ints) -> int:
-    """Return the number of rows of `_states`: time steps of all tracks, with the extensions at both ends.
+    """Return the number of (track, time step) pairs of all tracks in the chain, with the extensions at both ends.
 
     `first` and `last` (T,) are the first and last time step of a track that begins or ends at each time step.
     """

@@ -310,7 +310,10 @@ def anneal(tracks: ChainTracks, span: WindowSpan, generator: np.random.Generator
 
 
 def listed_of(tracks: ChainTracks, span: WindowSpan) -> LinkCandidates:
-    """Return the candidate successors of each node, and the near nodes of its time step that it may be swapped with."""
+    """Return the candidate links of the chain's nodes: possible successors, predecessors, and swaps.
+
+    Nodes of one time step may be swapped if they are at most `SWAP_DISTANCE_M` apart.
+    """
     return candidates(tracks.nodes, tracks.walk, SWAP_DISTANCE_M * span.metre)
 
 

@@ -28,10 +28,10 @@ def bias_information(share: Floats, dt: float) -> float:
 
 
 def with_body_bias(covariance: Floats, shift: Floats, information: float) -> Floats:
-    """Return position covariances (n, 6, 6) increased by the variance of the body bias.
+    """Return a copy of state covariances (n, 6, 6) with the variance of the body bias added to x and y.
 
     `shift` (n, 2) is how far x and y move per unit of bias, `information` the learned inverse variance of the bias, to
-    which that of the prior is added. The argument is not changed.
+    which that of the prior is added.
     """
     out = covariance.copy()
     out[:, :2, :2] += shift[:, :, None] * shift[:, None, :] / (1.0 / PRIOR_SIGMA**2 + information)

@@ -85,7 +85,11 @@ def pose_angles(batches: Floats) -> tuple[Floats, Floats]:
 
 
 def corrected(views: PackedCameras, known: PoseStatistics) -> PackedCameras:
-    """Return the packed cameras with their calibrated orientations turned by the angles in `known`."""
+    """Return the packed cameras with corrected orientations, by the calibration and the angles (C, 2) in `known`.
+
+    A camera is turned by the first angle about the world's vertical and by the second about its own x axis; `views` is
+    not changed.
+    """
     rotation, lens = known.rotation.copy(), views.lens.copy()
     for c in np.flatnonzero(known.angles.any(axis=1)).tolist():
         yaw, pitch = known.angles[c]

@@ -250,7 +250,7 @@ def _unit_sizes(problem: FitProblem, theta: Floats) -> Floats:
 
 
 def _scaled(ends: Sequence[tuple[float | None, float | None]], unit: Floats) -> list[tuple[float | None, float | None]]:
-    """Return lower and upper bounds (None: unbounded) of the parameters divided by `unit`."""
+    """Return the bounds `ends` (lower, upper; None: unbounded) of each parameter divided by its `unit`."""
     return [
         (None if low is None else low / u, None if high is None else high / u)
         for (low, high), u in zip(ends, unit, strict=True)

@@ -197,7 +197,14 @@ def expected(shape: Shape, theta: Floats, sums: SmootherSums) -> float:
 
 
 def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> Floats:
-    """Return the gradient of `expected` by the parameters `theta`, by central differences of step `h`."""
+    """Return the gradient of the expected log likelihood (`expected`) by the parameters, by central differences.
+
+    Args:
+        shape: which parameters are fitted.
+        theta: parameters, in the order of `names(shape)`.
+        sums: the smoother's expected sums.
+        h: step of the differences.
+    """
     out = np.empty(len(theta))
     for i in range(len(theta)):
         there, here = theta.copy(), theta.copy()
@@ -208,9 +215,10 @@ def slope(shape: Shape, theta: Floats, sums: SmootherSums, h: float = 1e-5) -> F
 
 
 def regression(shape: Shape, theta: Floats, sums: SmootherSums) -> Floats:
-    """Return the parameters with the free rows of A by least squares; `theta` itself for other forms than `full`.
+    """Return the parameters `theta` with the free rows of A by least squares on the smoother's sums.
 
-    K = CV_f + (W_ff)^-1 W_f. DX XX^-1 with W = Sigma^-1 and f the free rows: the exact maximum for the given Sigma.
+    K = CV_f + (W_ff)^-1 W_f. DX XX^-1 with W = Sigma^-1 and f the free rows: the exact maximum for the given Sigma. For
+    other forms of A than `full` it is `theta` itself.
     """
     if shape.form != "full":
         return theta

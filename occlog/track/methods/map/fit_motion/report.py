@@ -81,7 +81,10 @@ def information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Float
 
 
 def at_limit(value: float, limit: tuple[float | None, float | None]) -> bool:
-    """Return whether a parameter is at one of its bounds (lower, upper; None: unbounded), within 0.01."""
+    """Return whether a parameter with this `value` is within 0.01 of one of its bounds.
+
+    `limit` is (lower, upper); None: unbounded.
+    """
     return any(end is not None and abs(value - end) < 1e-2 for end in limit)
 
 
@@ -118,7 +121,10 @@ def report(
     stuck = np.isnan(np.diag(known_by))
 
     def spread(values: Callable[[Floats], Floats]) -> Floats:
-        """Return standard errors by the delta method; NaN where undetermined parameters have an influence."""
+        """Return standard errors of the quantities `values(theta)` by the delta method.
+
+        NaN where parameters that the data do not determine, or only those at a bound, have an influence.
+        """
         columns = [(values(theta + e) - values(theta - e)) / 2e-5 for e in 1e-5 * np.eye(len(theta))]
         J = np.column_stack(columns)
         error = np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", J, cov, J), 0.0))
@@ -158,7 +164,10 @@ def report(
 
 
 def _plain(name: str, value: float) -> float:
-    """Return a parameter's value without its logarithm: exp(value), except for `decay`, which has none."""
+    """Return the value of the parameter `name` without its logarithm.
+
+    It is exp(value), except for `decay`, which has no logarithm.
+    """
     return float(value) if name == "decay" else float(np.exp(min(value, 50.0)))
 
 

@@ -70,9 +70,10 @@ def run_fit(request: FitMotionRequest, job: Job) -> tuple[dict[str, object], tup
 
 
 def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
-    """Raise ValueError if the longest gap is shorter than the step, or the step is far too short.
+    """Raise ValueError for a model step that does not fit the paths.
 
-    The step must be at least 1 / `LARGEST_FILL` of the median time between positions.
+    The longest gap `gap_s` [s] must be at least the step `step_s` [s], and the step at least 1 / `LARGEST_FILL` of the
+    median time between positions.
     """
     if gap_s < step_s:
         raise ValueError(
@@ -87,9 +88,9 @@ def _check_step(paths: list[MeasuredPath], step_s: float, gap_s: float) -> None:
 
 
 def _fit(config: FitConfig, paths: list[MeasuredPath], step_s: float, gap_s: float) -> MotionFit:
-    """Return the fit by the method of the settings: EM, or regression on differences.
+    """Return the motion model fitted to the paths by the method of the settings: EM, or regression on differences.
 
-    `step_s` is the model's step, `gap_s` the longest gap within a trajectory [s].
+    `step_s` is the model's step [s], `gap_s` the longest gap within a trajectory [s].
     """
     shape = Shape(
         config.form,
@@ -156,7 +157,9 @@ def warnings(fit: MotionFit, config: FitConfig, paths: list[MeasuredPath]) -> li
 
 
 def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[MeasuredPath], str, tuple[Loss, ...]]:
-    """Return the path of each object in each file, the length unit, and the losses recorded in the inputs.
+    """Return the path of each object in each input file, their length unit, and the losses recorded in the files.
+
+    `request` names the files and the objects to use, `config` states the measurement noise.
 
     Raises:
         UsageError: covariances are to be used, and the input is truth, which has none.

@@ -93,10 +93,22 @@ def _observation_matrix(off: float) -> Floats:
 def _filter(
     first: Bools, seen: Bools, off: Floats, xy: Floats, R: Floats, A: Floats, sigma: Floats
 ) -> tuple[float, Floats, Floats, Floats, Floats]:
-    """Kalman filter over K nodes, with the measurement noise and model of `smooth`.
+    """Kalman filter over K nodes of one or more trajectories.
 
-    Return the log likelihood, filtered means (K, 4) and covariances (K, 4, 4), and the predicted ones before each
-    update. A first node has the prior (its measured position, velocity 0) with variance `VAGUE`.
+    A first node has the prior (its measured position, velocity 0) with variance `VAGUE`.
+
+    Args:
+        first: (K,) a trajectory begins.
+        seen: (K,) there is a measurement.
+        off: (K,) time of the measurement after the node, in steps.
+        xy: (K, 2) measured positions.
+        R: (K, 2, 2) covariances of the measurements' errors.
+        A: (4, 4) transition matrix of one step.
+        sigma: (4, 4) process noise covariance of one step.
+
+    Returns:
+        Log likelihood of the measurements, filtered means (K, 4) and covariances (K, 4, 4), and the predicted means and
+        covariances before each update.
     """
     K = first.shape[0]
     mean, cov = np.empty((K, 4)), np.empty((K, 4, 4))

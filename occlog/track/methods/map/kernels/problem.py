@@ -156,17 +156,17 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Chain
 
 
 def some_lines(lines: BearingLinesByStep, rows: slice | Bools | Ints) -> BearingLinesByStep:
-    """Return the lines of sight selected by a slice, mask (N,) or indices."""
+    """Return the bearing lines at `rows`: a slice, a mask (N,) or indices."""
     return BearingLinesByStep._make(column[rows] for column in lines)
 
 
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
-    """Return the half-planes selected by a slice or mask (M,)."""
+    """Return the half-planes at `rows`: a slice or a mask (M,)."""
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
 
 
 def select_priors(hints: QuadraticPriors, rows: slice | Bools) -> QuadraticPriors:
-    """Return the quadratic terms selected by a slice or mask (K,)."""
+    """Return the quadratic terms `hints` at `rows`: a slice or a mask (K,)."""
     return QuadraticPriors._make(column[rows] for column in hints)
 
 

@@ -175,8 +175,8 @@ def bend_of(config: MapConfig) -> float:
 def start_of(pending: Pending, problem: TrajectoryProblem) -> tuple[Floats, Bools]:
     """Return feasible initial states (T, 4) x, vx, y, vy, and a mask (T,) of states with contradictory constraints.
 
-    States found before start there; of the others, those that a camera saw on its optical axis, the rest in the room's
-    centre ([Rahimi] Sec. 6); then all are moved inside the constraints.
+    States found before (`pending.X`) start there; of the others, those that a camera saw on its optical axis, the rest
+    in the room's centre ([Rahimi] Sec. 6); then all are moved inside the half-planes of `problem`.
     """
     config, T = pending.config, problem.T
     depth = 0.1 * pending.extent if config.initial_depth is None else config.initial_depth

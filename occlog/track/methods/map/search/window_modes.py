@@ -278,7 +278,10 @@ def _mirrored(rows: WindowMeasurements, found: WindowModes) -> tuple[Ints, Float
 
 
 def _grid(rows: WindowMeasurements, pending: Pending) -> tuple[Floats, float]:
-    """Return grid positions (GRID^2, 2) over the room's bounding box, or around the sensors, and the larger spacing."""
+    """Return grid positions (GRID^2, 2) over the room's bounding box, and the larger of the two spacings.
+
+    Without a room the grid is a square around the sensors and stations of the measurements `rows`.
+    """
     at = rows.distances
     places = np.concatenate([rows.lines[:, :2], at.position, at.other])
     low, high = places.min(axis=0), places.max(axis=0)
