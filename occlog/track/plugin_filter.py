@@ -45,8 +45,9 @@ class PluggedFilter:
     def step(self, scan: Scan) -> Estimate | None:
         """Process a scan; return the estimate, or None if the filter returns none.
 
-        The plug-in gets the bearings and standard deviations [rad] of the scan's sensors, NaN where a sensor did not
-        see the target. The estimate's log likelihood is that of the bearings at the estimated position.
+        The plug-in gets sensor names and positions, bearings and standard deviations [rad] of the scan's rows, NaN in
+        rows that did not see the target. The estimate's log likelihood is that of the bearings at the estimated
+        position.
 
         Raises:
             PluginError: the filter fails, or returns an invalid position.

@@ -314,7 +314,7 @@ class ViewsRequest(TrackRequestBase):
 
     @property
     def births(self) -> str:
-        """Source of new trackers: `initial`, `detections` or `both`."""
+        """How trackers begin, by the given files: from `initial` ellipses, from `detections`, or `both`."""
         if self.initial_ellipses is None:
             return "detections"
         return "initial" if self.detections is None else "both"

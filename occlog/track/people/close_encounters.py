@@ -84,9 +84,10 @@ class CloseEncounters:
         self._going_on: dict[tuple[int, int], _Encounter] = {}
 
     def add(self, snapshot: TrackSnapshot) -> tuple[Event, ...]:
-        """Add a time step, and return the events `possible_switch` of pairs that have separated.
+        """Add a time step, and return the events `possible_switch` of pairs that were near and have separated.
 
-        Each such pair gives two events, one per person, if its switch probability is at least `MIN_SWITCH_PROBABILITY`.
+        Each such pair gives two events, one per person, if its switch probability is at least `MIN_SWITCH_PROBABILITY`
+        and the filter has not reported the switch itself.
         """
         n = len(snapshot.ids)
         near = _pairs(snapshot.mean[:, [X, Y]], SEPARATION_DISTANCE_WIDTHS * self._width)

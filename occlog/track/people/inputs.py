@@ -111,8 +111,8 @@ class PeopleInput:
         metre: length of a metre in the scene's unit.
         config: settings of the method.
         window_ns: frames this close together are of one time step.
-        regions_smoothed: the boxes are regions of video without confidence, whose errors last for many frames, and
-            smoothing is requested.
+        regions_smoothed: the boxes are regions of video without confidence, with errors that last for many frames,
+            and smoothing is requested.
         time_steps: iterator over time steps, each a list of frames.
     """
 
@@ -195,7 +195,7 @@ class PeopleInput:
         return clock_changes(self.cameras, self.scene, self._applied) if self._known else {}
 
     def clock_figures(self) -> dict[str, object]:
-        """Return the clock corrections [s] added to the input's times, for the summary; {} if there is none.
+        """Return the clock corrections [s] added to the input's times, for the summary; {} without any.
 
         They are by camera name, under the key `clock_corrections_s`.
         """

@@ -510,8 +510,8 @@ def birth_intensity(known: BirthIntensityMap, first: float, worth_s: float) -> t
 def birth_velocity(known: BirthIntensityMap, positions: Floats, deviation: float) -> tuple[Floats, Floats]:
     """Return mean (n, 2) and covariance (n, 2, 2) of the velocity of people who arrive at `positions` (n, 2).
 
-    They are smoothed over the arrivals counted nearby. `deviation` is the standard deviation per axis of the prior,
-    whose mean is 0, in scene unit/s.
+    They are smoothed over the arrivals counted nearby. `deviation` is the prior standard deviation per axis
+    [scene unit/s]; the prior mean is 0.
     """
     near = _near(known, positions)
     count = (near @ known.came + PRIOR_VELOCITY)[:, None]

@@ -53,7 +53,8 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> SensorStations:
     Args:
         scene: cameras and arrays, room and static occluders.
         origin: (2,) in the scene's coordinates.
-        walls: whether room and static occluders constrain the target; else `blockers`, `hull` and `walls` are empty.
+        walls: whether room and static occluders constrain the target; else there are no `blockers` and `walls`, and
+            `hull` is None.
     """
     cameras, arrays = scene.cameras, scene.arrays
     none = [0.0] * len(arrays)

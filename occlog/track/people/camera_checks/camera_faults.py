@@ -244,7 +244,7 @@ class _Search:
         self.every = max(1, round(count / MAX_BOXES))
 
     def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
-        """Return mistakes that last for the whole recording; if there is none, those of a part of it.
+        """Return mistakes that last for the whole recording; without any, those of a part of it.
 
         Args:
             unit: length unit, for messages.

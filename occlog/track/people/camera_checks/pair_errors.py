@@ -106,7 +106,7 @@ class Evidence(NamedTuple):
 
     Attributes:
         normal: (T, K, K + 1) rows (N, b) of each time step, about the calibration as stated.
-        prior: (K, K) covariance of the K parameters, whose prior mean is 0.
+        prior: (K, K) prior covariance of the K parameters; their prior mean is 0.
     """
 
     normal: Floats
@@ -131,7 +131,7 @@ def fit_pairs(views: Sequence[BoxesOfCamera], t_ns: Ints, person_height: float, 
         views: cameras with their boxes.
         t_ns: (T,) times of the time steps.
         person_height: mean height of people in the scene's unit.
-        every: only every so many-th time step counts.
+        every: every `every`-th time step counts.
     """
     cameras = [_LocatingCamera(view, t_ns, person_height, every) for view in views]
     steps = len(t_ns)
@@ -341,7 +341,7 @@ class _LocatingCamera:
             view: camera with its boxes.
             t_ns: (T,) times of the time steps.
             person_height: mean height of people in the scene's unit.
-            every: only boxes of every so many-th time step count; the others serve for velocities.
+            every: boxes of every `every`-th time step count; the others serve for velocities.
         """
         self.camera, self.height = view.camera, person_height
         people = located(view, person_height)

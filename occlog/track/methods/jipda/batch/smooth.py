@@ -351,9 +351,9 @@ def track_extension(span: WindowSpan) -> float:
 
 
 def _states(tracks: ChainTracks, span: WindowSpan, extend: float) -> States:
-    """Return the leave-one-out states of all tracks at all time steps, extended by `extend` [s] at both ends.
+    """Return the leave-one-out states of all tracks at all time steps: from all nodes but that of the time step.
 
-    A state is estimated from all nodes of the track but that of its time step.
+    Tracks are extended by `extend` [s] before their first and after their last node.
     """
     early = np.searchsorted(span.time, span.time - extend)
     late = np.searchsorted(span.time, span.time + extend, side="right") - 1

@@ -187,9 +187,10 @@ def read_paths(request: FitMotionRequest, config: FitConfig) -> tuple[list[Measu
 
 
 def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[MeasuredPath]:
-    """Return the path of each object by ascending identity; of several positions at one time the first is used.
+    """Return the measured path (times, positions, covariances) of each object, by ascending identity.
 
-    `targets` are the identities to use; empty: all, but of truth those with the role `target`.
+    Of several positions at one time the first is used. `targets` are the identities to use; empty: all, but of truth
+    those with the role `target`.
     """
     used = np.isin(table.target_id, targets) if targets else np.ones(len(table), np.bool_)
     if isinstance(table, Truth) and not targets:

@@ -115,7 +115,7 @@ def start_cost(chain: ModeChain, i: int, j: int, a: float, q: float, velocity: F
 
 @kernel
 def pair_costs(chain: ModeChain, q: float, velocity: Floats, spread: Floats) -> PairCosts:
-    """Compute the cheapest path through every pair of modes of successive times, by dynamic programming.
+    """Return the costs of the cheapest path through every pair of modes of successive times, by dynamic programming.
 
     Args:
         chain: modes of W >= 2 times.

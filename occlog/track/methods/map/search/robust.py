@@ -298,9 +298,9 @@ def _most_probable(
 ) -> RobustSearchResult:
     """Search from the consensus path, constrained by accepted bearings only.
 
-    If some are rejected or residuals are too large, the search is repeated with larger variances of motion and
-    bearings, if these make the path clearly more probable. Where one camera at a time sees the target, the paper's
-    start is tried, too.
+    Where mostly one camera at a time sees the target, the start on the cameras' axes is tried, too, and the cheaper
+    result is returned. Else, if some bearings are rejected or residuals are too large, the search is repeated with
+    larger variances of motion and bearings, if these make the path clearly more probable.
 
     Args:
         pending: unreleased part of the target's record.
