@@ -196,8 +196,9 @@ class Online(NamedTuple, Generic[State, Config]):
     """A tracking method with one state for each target, which processes one scan after the other.
 
     `init(scene, config, generator)` creates the state, `step(state, scan, generator)` returns the next state and the
-    estimate (None: the scan determines no position). The other fields state what the method can do: start positions,
-    moving occluders, prediction for camera selection, pose errors, smoothing, distance measurements, residuals.
+    estimate (None: the scan determines no position), `started(config)` whether the settings give a start position. The
+    other fields state what the method can do: moving occluders, prediction for camera selection, pose errors,
+    smoothing, distance measurements, and its own checks of bearings.
     """
 
     config: type[Config]

@@ -77,8 +77,9 @@ class Solve(NamedTuple):
 class TrackChunk(NamedTuple):
     """A chunk of output: rows of tracks, as many rows of diagnostics, and what was found with them.
 
-    Estimated sensor pose errors (`calibration`), records of optimisation runs, camera requests, residuals, particles,
-    label events, and inputs of the consistency checks; None or empty where the method or request has none.
+    Further tables are `calibration` (pose errors), `cooperation` (camera requests), `residuals` and `particles`;
+    `solves` are records of optimisation runs, `labels` events of exchanged or jumping labels, and `frames`, `stated`,
+    `motion` and `outliers_matter` inputs of the consistency checks. None or empty where the method or request has none.
     """
 
     tracks: Tracks

@@ -107,10 +107,10 @@ class LinkCandidates(NamedTuple):
 
 
 class LinkCache(NamedTuple):
-    """Cache of log link probabilities, by index in `LinkCandidates.next`, and of initiations, by node.
+    """Cache of log link probabilities, by index in `LinkCandidates.next` (`link`), and of initiations, by node (`begun`).
 
-    An entry excludes the constants of its two messages, and is valid while the version numbers of these messages,
-    stored with it, are unchanged.
+    An entry excludes the constants of its two messages. It is valid while the version numbers of these messages, stored
+    with it (`earlier`, `later`; `first` of initiations), are those in the chain.
     """
 
     link: Floats  # by index in `LinkCandidates.next`

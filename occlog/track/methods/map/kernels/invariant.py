@@ -33,7 +33,10 @@ APART = 1e-3
 
 
 class Invariant(NamedTuple):
-    """Minimum of the cost with its volume term: the problem with that term, the solution, covariances (T, 4, 4)."""
+    """Minimum of the cost with its volume term, which does not depend on the coordinates.
+
+    `problem` is the cost with that term, `solution` its minimum, `covariance` (T, 4, 4) of the states there.
+    """
 
     problem: TrajectoryProblem
     solution: Solution
