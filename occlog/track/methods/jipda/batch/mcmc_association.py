@@ -107,7 +107,7 @@ class LinkCandidates(NamedTuple):
 
 
 class LinkCache(NamedTuple):
-    """Cache of log link probabilities, by index in `LinkCandidates.next` (`link`), and of initiations, by node (`begun`).
+    """Cache of log link probabilities, by index in `LinkCandidates.next` (`link`), and of initiations (`begun`).
 
     An entry excludes the constants of its two messages. It is valid while the version numbers of these messages, stored
     with it (`earlier`, `later`; `first` of initiations), are those in the chain.
