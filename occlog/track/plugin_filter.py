@@ -91,8 +91,8 @@ class PluggedFilter:
 def fault_of(position: object) -> str | None:
     """Return a text about what is invalid in the `position` that a plug-in's filter returned; None if it is valid.
 
-    It must be an `EstimatedPosition` with finite xy (2,), velocity (2,) or None, and a positive definite covariance (2,
-    2).
+    It must be an `EstimatedPosition` with finite xy (2,), velocity (2,) or None, and a positive definite covariance
+    (2, 2).
     """
     if not isinstance(position, EstimatedPosition):
         return f"step gives a {type(position).__name__}; a Place or None was expected"

@@ -42,8 +42,8 @@ class DetectionFrameRows(NamedTuple):
     """R rows of a table of boxes of all cameras, sorted by time, as columns; a frame without boxes is one row.
 
     `t_ns`, `sensor` (camera name), `frame` number, `number` of the box in the frame (-1: the frame has none), `edges`
-    (R, 4) left, top, right, bottom [px], `score` (confidence 0 to 1, NaN: none), `tracklet_id`, and `appearance` (R,
-    K).
+    (R, 4) left, top, right, bottom [px], `score` (confidence 0 to 1, NaN: none), `tracklet_id`, and `appearance`
+    (R, K).
     """
 
     t_ns: Ints  # (R,)

@@ -35,9 +35,9 @@ SETTLED_SIGMAS = 0.1
 class StationBiases(NamedTuple):
     """Constant biases of the ranges of S stations, estimated with a trajectory of T states.
 
-    `station` (S,) are station numbers, ascending, `bias` (S,) by how much their ranges are too long, `covariance` (S,
-    S); `step` (S,) is the last change, `moves` (T, 4, S) are the derivatives of the states by the biases, and `settled`
-    whether the last two steps were small.
+    `station` (S,) are station numbers, ascending, `bias` (S,) by how much their ranges are too long, `covariance`
+    (S, S); `step` (S,) is the last change, `moves` (T, 4, S) are the derivatives of the states by the biases, and
+    `settled` whether the last two steps were small.
     """
 
     station: Ints  # (S,) numbers, rising

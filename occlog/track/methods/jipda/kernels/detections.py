@@ -29,8 +29,8 @@ class PackedDetections(NamedTuple):
 
     Per frame: `camera` index, `delay` after the time step [s], and `first` (L + 1,): frame l has the boxes first[l] to
     first[l + 1] - 1. Per box: `box` (M, 4) left, top, right, bottom [px], `usable` (M, 4) edges that the image border
-    does not cut, `clutter` log of the expected number of false alarms per frame. Positions on the ground are boxes (x,
-    y, x, y) with `covariance` (M, 3) xx, xy, yy and `tail` (M,), the additional variance of a manoeuvring target.
+    does not cut, `clutter` log of the expected number of false alarms per frame. Positions on the ground are boxes
+    (x, y, x, y) with `covariance` (M, 3) xx, xy, yy and `tail` (M,), the additional variance of a manoeuvring target.
     """
 
     camera: Ints  # (L,)

@@ -26,8 +26,8 @@ class MotionFit(NamedTuple):
     """A fitted motion model with standard errors; lengths in the unit of the positions, times in seconds.
 
     `model` has A (4, 4) and Sigma (4, 4), with the standard errors `A_error` and `sigma_error`; `noise` is the fitted
-    measurement noise per axis (None: not fitted); `parameters` and `errors` give the named quantities (rates,
-    accelerations) with standard errors, NaN if not determined by the data. Further: log likelihood, counts,
+    measurement noise per axis (None: not fitted); `parameters` and `errors` give the named quantities
+    (rates, accelerations) with standard errors, NaN if not determined by the data. Further: log likelihood, counts,
     convergence, and the parameters at a limit or undetermined.
     """
 

@@ -37,8 +37,8 @@ CV = np.kron(np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]))
 class SmootherSums(NamedTuple):
     """Expectations of products, summed over n transitions and m measurements, given all measurements (E step).
 
-    With d = x_t+1 - CV x_t, what constant velocity does not explain: DD of d d', DX of d x_t', XX of x_t x_t' (each (4,
-    4)), and E (2, 2) of (z - C x)(z - C x)' of the measurements z. Sums of x_t+1 itself, which may be far from the
+    With d = x_t+1 - CV x_t, what constant velocity does not explain: DD of d d', DX of d x_t', XX of x_t x_t', each
+    (4, 4), and E (2, 2) of (z - C x)(z - C x)' of the measurements z. Sums of x_t+1 itself, which may be far from the
     origin, would lose d by rounding.
     """
 
@@ -213,9 +213,9 @@ class MeasuredPath(NamedTuple):
 class Nodes(NamedTuple):
     """Trajectories on time grids of equal steps, one after another; K nodes in all.
 
-    `first` (K,): a trajectory begins; `seen` (K,): there is a measurement, `off` (K,) steps after the node, at `xy` (K,
-    2) with covariance `cov` (K, 2, 2) (0 if missing). `skipped` is the number of measurements omitted because another
-    was nearer to the node.
+    `first` (K,): a trajectory begins; `seen` (K,): there is a measurement, `off` (K,) steps after the node, at `xy`
+    (K, 2) with covariance `cov` (K, 2, 2) (0 if missing). `skipped` is the number of measurements omitted because
+    another was nearer to the node.
     """
 
     first: Bools  # (K,) a trajectory begins here
