@@ -95,10 +95,10 @@ class FittingChange(NamedTuple):
     """A correction of cameras after which their boxes overlap the people that the other cameras locate.
 
     Attributes:
-        cameras: that are changed.
-        words: the mistake.
-        fit: share of people expected in an image who then have a box there.
-        now: that share as cameras are.
+        cameras: indices of the cameras that are changed.
+        words: description of the mistake, for a message.
+        fit: share, after the correction, of the people expected in an image that overlap a box there.
+        now: that share with the cameras as given.
     """
 
     cameras: tuple[int, ...]
@@ -112,8 +112,8 @@ class Gap(NamedTuple):
 
     Attributes:
         camera: index of the camera.
-        begin_s, end_s: after the first time step [s].
-        people: number of detections of another camera in its view.
+        begin_s, end_s: first and last time step without a box [s], after the first time step of the recording.
+        people: number of detections of another camera in its view meanwhile.
         share: length of the gap as a share of the recording.
     """
 
@@ -125,24 +125,32 @@ class Gap(NamedTuple):
 
 
 class _Change(NamedTuple):
-    """A candidate correction: its description, and the changed cameras and boxes."""
+    """A candidate correction: its description `words`, and the corrected cameras with boxes, by camera index."""
 
     words: str
     views: Mapping[int, BoxesOfCamera]
 
 
 class CameraFaults:
-    """Keeps a sample of the boxes of a recording, and searches it for mistakes of the set-up."""
+    """Keeps a sample of the boxes of a recording, and searches it for mistakes of the set-up.
+
+    Mistakes are wrong or exchanged extrinsics, image sizes, box formats and clocks.
+    """
 
     def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
-        """Start without boxes; `person_height` in the scene's unit."""
+        """Start without boxes.
+
+        Args:
+            cameras: cameras with poses, by index.
+            person_height: mean height of people in the scene's unit.
+        """
         self._cameras, self._height = list(cameras), person_height
         self._samples: list[tuple[int, dict[int, Floats]]] = []
         self._step = self._count = 0
         self._last: tuple[int, _Search] | None = None
 
     def add(self, t_ns: int, frames: Sequence[FrameDetectionsWithIds]) -> None:
-        """Add the boxes of one time step.
+        """Add the boxes of one time step at `t_ns`.
 
         An evenly spaced subset of at most `MAX_STEPS` time steps is kept.
         """
@@ -155,23 +163,23 @@ class CameraFaults:
             self._samples, self._step = self._samples[1::2], self._step + 1
 
     def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
-        """Corrections of the set-up that make cameras agree, the most significant first.
+        """Return corrections of the set-up that make cameras agree, the most significant first; [] for a single camera.
 
         Args:
             unit: length unit, for messages.
-            doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
+            doubtful: another check has failed; otherwise only cameras that agree with no other one are examined.
         """
         return self._search.found(unit, doubtful=doubtful) if self._compared else []
 
     def errors(self, unit: str, *, rotated: bool = False) -> list[tuple[tuple[int, ...], str]]:
-        """Small calibration errors: (indices of the cameras, description).
+        """Return small calibration errors as (indices of the cameras, description).
 
         They are too small to change the overlap of boxes much. Lasting rotations are omitted, since the filter corrects
         them, unless another error explains nearly as much.
 
         Args:
-            unit: of lengths, for the words.
-            rotated: the filter finds rotated cameras, so that something is wrong.
+            unit: length unit, for the descriptions.
+            rotated: the filter has found rotated cameras, so that something is wrong.
         """
         if not self._compared:
             return []
@@ -191,32 +199,43 @@ class CameraFaults:
         return out
 
     def heights(self) -> Floats:
-        """(C,) median height of people by the boxes of each camera that were kept; NaN: too few boxes."""
+        """Return (C,) median heights of people by the kept boxes of each camera [scene unit]; NaN: too few boxes."""
         boxes = (_of_camera(c, camera, self._samples).boxes for c, camera in enumerate(self._cameras))
         return person_heights([*boxes], self._cameras)
 
     def gaps(self) -> list[Gap]:
-        """The longest interval without boxes of each camera that has one while others detect people in its view."""
+        """Return the longest interval without boxes of each camera that has one.
+
+        It counts if other cameras detect people in the camera's view meanwhile.
+        """
         return self._search.gaps() if self._compared else []
 
     @property
     def _compared(self) -> bool:
+        """Whether there are at least two cameras and two time steps to compare."""
         return len(self._cameras) > 1 and len(self._samples) > 1
 
     @property
     def _search(self) -> _Search:
-        """Search over the time steps kept so far."""
+        """Search over the time steps kept so far; made once for a number of added time steps."""
         if self._last is None or self._last[0] != self._count:
             self._last = self._count, _Search(self._cameras, self._samples, self._height)
         return self._last[1]
 
 
 class _Search:
-    """Search for mistakes of cameras over a set of time steps."""
+    """Search for mistakes of cameras over a set of time steps: tries corrections, and compares overlaps of boxes."""
 
     def __init__(
         self, cameras: Sequence[Camera], samples: Sequence[tuple[int, dict[int, Floats]]], person_height: float
     ) -> None:
+        """Collect the boxes of each camera.
+
+        Args:
+            cameras: cameras by index.
+            samples: time [ns] and boxes (n, 4) [px] by camera index of each time step.
+            person_height: mean height of people in the scene's unit.
+        """
         count = sum(len(each) for _, boxes in samples for each in boxes.values())
         self.t_ns: Ints = np.array([t for t, _ in samples], dtype=np.int64)
         self.height = person_height
@@ -225,7 +244,12 @@ class _Search:
         self.every = max(1, round(count / MAX_BOXES))
 
     def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
-        """Mistakes that last for the whole recording; if there is none, those of a part of it; `unit` of lengths."""
+        """Return mistakes that last for the whole recording; without any, those of a part of it.
+
+        Args:
+            unit: length unit, for messages.
+            doubtful: another check has failed; otherwise only cameras that agree with no other one are examined.
+        """
         trusted = list(range(len(self.views)))
         agreement = self._agreement(trusted)
         limit = max(LOW_SHARE * max(agreement), LOW) if doubtful else MIN_FIT
@@ -254,18 +278,21 @@ class _Search:
 
     @cached_property
     def errors(self) -> list[CameraError]:
-        """Errors of the calibrations of cameras by least squares over pairs of cameras (`pair_errors`)."""
+        """Calibration errors of the fitting cameras by least squares over pairs of cameras (`pair_errors`)."""
         return self.errors_of(self._fitting)
 
     @cached_property
     def _fitting(self) -> tuple[int, ...]:
-        """Indices of the cameras with an agreement of `MIN_PAIRED`; boxes of other cameras are paired by chance."""
+        """Indices of the cameras with an agreement of at least `MIN_PAIRED`.
+
+        Boxes of other cameras would be paired by chance.
+        """
         return tuple(c for c, own in enumerate(self._agreement(range(len(self.views)))) if own >= MIN_PAIRED)
 
     def errors_of(self, cameras: Sequence[int], least: float = MIN_LOG_RATIO) -> list[CameraError]:
-        """Calibration errors of the cameras with these indices, by least squares over their pairs.
+        """Return calibration errors of the cameras with these indices, by least squares over their pairs.
 
-        `least`: logarithm of the ratio of evidences from which an error is significant.
+        `least`: logarithm of the ratio of evidences from which an error is significant. [] for fewer than two cameras.
         """
         if len(cameras) < 2:
             return []
@@ -295,7 +322,7 @@ class _Search:
         return out
 
     def _matters(self, error: CameraError) -> bool:
-        """Whether a camera error exceeds the threshold of its kind from which it is reported."""
+        """Return whether a camera error is as large as the threshold of its kind from which it is reported."""
         if error.kind == RADIAL:
             pairs = zip(error.cameras, error.values[:, 0].tolist(), strict=True)
             return any(lens_matters(self.views[c], k, shared=len(error.cameras) > 1) for c, k in pairs)
@@ -303,7 +330,10 @@ class _Search:
         return float(np.linalg.norm(error.values, axis=1).max()) >= least
 
     def _corrections(self, c: int, unit: str) -> Iterator[_Change]:
-        """Candidate corrections of lasting errors that concern camera `c`; all lenses are corrected at once."""
+        """Generate candidate corrections of lasting calibration errors that concern camera `c`.
+
+        All lenses are corrected at once, other errors one by one. `unit` is the length unit, for messages.
+        """
         # Boxes of two cameras that do not agree are compared, too: overlaps show whether an error explains them
         cameras = tuple(sorted({c, *self._fitting})) if len(self.views) > 2 else (0, 1)
         errors = self.errors if cameras == self._fitting else self.errors_of(cameras)
@@ -316,7 +346,10 @@ class _Search:
                 yield _Change(words, {k: self._corrected(k, group[0].kind, values) for k, values in pairs})
 
     def _corrected(self, c: int, kind: int, values: Floats) -> BoxesOfCamera:
-        """Camera `c` with an error of this kind removed; `values` (1 or 2,) as in `CameraError`."""
+        """Return camera `c` with a calibration error removed.
+
+        `kind` is `YAW`, `RADIAL`, `FOCAL` or `HEIGHT`; `values` (1 or 2,) is its size, as in `CameraError.values`.
+        """
         view, value = self.views[c], float(values[0])
         if kind == RADIAL:
             return without_radial_error(view, value)
@@ -329,11 +362,14 @@ class _Search:
         return view._replace(camera=replace(camera, position=camera.position + raised))
 
     def words_of(self, error: CameraError, unit: str) -> str:
-        """Description of a camera error, and of another one that explains nearly as much; `unit` of lengths."""
+        """Return the description of a camera error, and of its rival if there is one, for a message.
+
+        `unit` is the length unit.
+        """
         return ", or ".join(self.words(each, unit) for each in error.either)
 
     def words(self, error: CameraError, unit: str) -> str:
-        """Description of a camera error for a message; `unit` of lengths."""
+        """Return the description of a camera error, without its rival, for a message; `unit` of lengths."""
         c, value = error.cameras[0], float(error.values[0, 0])
         name = self.views[c].camera.name
         if error.kind == RADIAL:
@@ -354,9 +390,9 @@ class _Search:
         return f"{_rotation_words(self.views[c], -error.values[0])} {when}".rstrip()
 
     def _agreement(self, trusted: Sequence[int]) -> list[float]:
-        """(C list) excess overlap (`Overlap.excess`, at most 1) of each camera with the trusted cameras.
+        """Return the agreement of each camera with the cameras `trusted` (indices): chance-corrected overlap.
 
-        -inf if too few people are expected.
+        -inf if too few people are expected in its image and from it in others.
         """
         found = self._own
         if len(trusted) < len(self.views):
@@ -369,7 +405,7 @@ class _Search:
         return overlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
 
     def gaps(self) -> list[Gap]:
-        """The longest interval without boxes of each camera that otherwise detects most people in its view."""
+        """Return the longest interval without boxes of each camera that otherwise detects most people in its view."""
         at_s = (self.t_ns - self.t_ns[0]) / NS
         out: list[Gap] = []
         for c, (view, found) in enumerate(zip(self.views, self._own, strict=True)):
@@ -389,7 +425,7 @@ class _Search:
         return out
 
     def _seen_by_others(self, c: int, first: int, last: int) -> int:
-        """Number of people that another camera locates in the view of camera `c` during the time steps first to last.
+        """Return the number of people that another camera locates in the view of camera `c` from step first to last.
 
         It is the maximum over the other cameras.
         """
@@ -403,7 +439,7 @@ class _Search:
         return count
 
     def _for_a_while(self) -> list[FittingChange]:
-        """Mistakes that apply to a part of the recording only, with the best correction of that part."""
+        """Return mistakes that apply to a part of the recording only, with the best correction of that part."""
         span_s = float(self.t_ns[-1] - self.t_ns[0]) / NS
         count = int(min(max(span_s / WINDOW_S, MIN_WINDOWS), MAX_WINDOWS))
         steps = len(self.t_ns)
@@ -427,22 +463,25 @@ class _Search:
         return out
 
     def _during(self, low: int, high: int) -> _Search:
-        """The same search restricted to the time steps low to high."""
+        """Return the same search restricted to the time steps with the indices low to high."""
         other = _Search.__new__(_Search)
         other.t_ns, other.height, other.every = self.t_ns, self.height, 1
         other.views = [view.during(low, high) for view in self.views]
         return other
 
     def _overlap(self, changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None) -> Overlap:
-        """Overlaps of changed cameras with the cameras `of`, over the subset of time steps that is compared."""
+        """Return the overlaps of changed cameras with the cameras `of` (None: all), over the compared time steps.
+
+        `changed` are the cameras with boxes that replace those with the same index.
+        """
         thin = [view.every(self.every) for view in self.views]
         changes = {c: view.every(self.every) for c, view in changed.items()}
         return overlap(thin, changes, len(self.t_ns), self.height, of)
 
     def _best(self, changes: Iterator[_Change], trusted: Sequence[int] | None = None) -> FittingChange | None:
-        """The correction with the largest mean overlap of boxes.
+        """Return the correction with the largest mean overlap of boxes; None if none is clearly better than no change.
 
-        None if no correction is clearly better than the set-up as given.
+        `trusted` are the indices of the cameras compared with; None: all.
         """
         best, mean = None, -1.0
         before: dict[tuple[int, ...], Overlap] = {}
@@ -474,8 +513,11 @@ class _Search:
     ) -> Iterator[_Change]:
         """Generate candidate corrections of camera `c`, the simplest first.
 
-        `for_a_while` restricts them to faults that can begin and end during a recording; `rotations`: search for small
-        rotations, too.
+        Args:
+            c: index of the camera.
+            trusted: indices of the cameras that it is compared with.
+            for_a_while: only faults that can begin and end during a recording.
+            rotations: search for small rotations, too.
         """
         own, name = self.views[c], self.views[c].camera.name
         for o in trusted:
@@ -500,7 +542,10 @@ class _Search:
             yield from self._turned(c, trusted)
 
     def _late(self, c: int) -> Iterator[_Change]:
-        """Generate corrections of the clock of camera `c`: boxes shifted later and earlier by the delays `LATE_S`."""
+        """Generate corrections of the clock of camera `c`: its boxes at earlier or later time steps.
+
+        The delays are `LATE_S`, rounded to time steps.
+        """
         step_s = max(float(np.median(np.diff(self.t_ns))) / NS, 1e-9)
         own, last = self.views[c], len(self.t_ns) - 1
         for k in dict.fromkeys(max(round(late_s / step_s), 1) for late_s in LATE_S if late_s > 0.5 * step_s):
@@ -511,7 +556,7 @@ class _Search:
                 yield _Change(f"the clock of {own.camera.name} is {k * step_s:.2g} s {words}", {c: moved})
 
     def _turned(self, c: int, trusted: Sequence[int]) -> Iterator[_Change]:
-        """Generate the rotation that aligns boxes of camera `c` with people whom other cameras locate.
+        """Generate the rotation that aligns boxes of camera `c` with people whom other cameras locate, if large enough.
 
         It is found by a Hough transform; `trusted` are the indices of the other cameras.
         """
@@ -542,19 +587,22 @@ class _Search:
 
 
 def _rotation_words(view: BoxesOfCamera, angles: Floats) -> str:
-    """Description, for a message, of a rotation of the camera by `angles` (2,): yaw and pitch [rad]."""
+    """Return the description, for a message, of a camera rotated by `angles` (2,): yaw and pitch [rad]."""
     yaw_deg, pitch_deg = np.degrees(angles)
     return f"{view.camera.name} is rotated by {yaw_deg:+.1f} deg about the vertical and {pitch_deg:+.1f} deg in pitch"
 
 
 def _rotated(view: BoxesOfCamera, angles: Floats) -> BoxesOfCamera:
-    """Return the camera rotated by `angles` (2,), yaw and pitch [rad], as a shift of its principal point."""
+    """Return the camera rotated by small `angles` (2,), yaw and pitch [rad], as a shift of its principal point."""
     camera = view.camera
     return view._replace(camera=replace(camera, principal_px=camera.principal_px + angles * camera.focal_px))
 
 
 def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Floats]]]) -> BoxesOfCamera:
-    """The boxes of camera `c` from time steps (t_ns, boxes by camera), with the index of the time step of each box."""
+    """Return the boxes of camera `c`, each with the index of its time step.
+
+    `samples` are time [ns] and boxes (n, 4) by camera index of each time step.
+    """
     parts = [(step, boxes[c]) for step, (_, boxes) in enumerate(samples) if c in boxes]
     steps = np.concatenate(
         [np.full(len(boxes), step, dtype=np.int64) for step, boxes in parts] or [np.zeros(0, np.int64)]
@@ -563,9 +611,9 @@ def _of_camera(c: int, camera: Camera, samples: Sequence[tuple[int, dict[int, Fl
 
 
 def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
-    """(W,) excess overlap in each of W = `count` intervals; `window` is the interval of each time step.
+    """Return the chance-corrected overlap (W,) in each of W = `count` intervals; NaN if too few people are expected.
 
-    NaN if too few people are expected.
+    `window` (T,) is the interval of each time step.
     """
     own = window[found.steps]
     out = np.full(count, np.nan)
@@ -577,9 +625,10 @@ def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
 
 
 def _worst_part(shares: Floats) -> tuple[int, int] | None:
-    """Longest run of two or more intervals with an agreement far below the usual, as (first, end).
+    """Return the longest run of two or more intervals with an agreement far below the usual, as (first, end).
 
-    None if there is no such run, or if the usual agreement is too low for a comparison.
+    `shares` (W,) are the agreements (NaN: unknown); `end` is one after the last. None if there is no such run, or if
+    the usual agreement is too low for a comparison.
     """
     known = shares[np.isfinite(shares)]
     if len(known) < MIN_WINDOWS - 2:
@@ -601,15 +650,15 @@ def _worst_part(shares: Floats) -> tuple[int, int] | None:
 
 
 def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
-    """The camera with the inverse extrinsics, as if R and T had been given in the other direction."""
+    """Return the camera with the inverse extrinsics, as if R and T had been given in the other direction."""
     own = view.camera
     return view._replace(camera=replace(own, rotation=own.rotation.T, position=-own.rotation.T @ own.position))
 
 
 def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
-    """Generate the box formats that may have been misread, and the boxes as they are if so.
+    """Generate the box formats that may have been misread: description, and the boxes (n, 4) re-read in that format.
 
-    Description, and the edges (n, 4) [px] of the boxes read in that format.
+    These are left, top, right, bottom [px].
     """
     boxes = view.boxes
     near, far = boxes[:, :2], boxes[:, 2:]
@@ -626,15 +675,17 @@ def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
 
 
 def _multiplied(scale: float) -> str:
+    """Return the description of boxes that are `scale` times as large as they should be, for a message."""
     return f"multiplied by {scale:.3g} (images of another size)"
 
 
 def _scaled(view: BoxesOfCamera, scale: float) -> BoxesOfCamera:
+    """Return the camera with all box coordinates multiplied by `scale`."""
     return view._replace(boxes=view.boxes * scale)
 
 
 def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
-    """The camera with boxes as in images flipped along the `axes` (x, y) that are True."""
+    """Return the camera with boxes as in images flipped along those `axes` (x, y) that are True."""
     out, size = view.boxes.copy(), view.size
     for axis, flipped in enumerate(axes):
         if flipped:
@@ -643,9 +694,9 @@ def _flipped(view: BoxesOfCamera, axes: tuple[bool, bool]) -> BoxesOfCamera:
 
 
 def _differences(view: BoxesOfCamera, expected: Floats, steps: Ints) -> Floats:
-    """(k, 2) offsets [px] of box centres from centres of expected boxes, for all pairs of one time step.
+    """Return offsets (k, 2) [px] of box centres from centres of expected boxes, for all pairs of one time step.
 
-    `expected` (m, 4) are expected boxes, `steps` (m,) their time steps.
+    `expected` (m, 4) are expected boxes, `steps` (m,) their time steps; pairs with NaN are omitted.
     """
     whom, box = paired_rows(steps, view.steps)
     middles = [0.5 * (each[:, :2] + each[:, 2:]) for each in (view.boxes[box], expected[whom])]

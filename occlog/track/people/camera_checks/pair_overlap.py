@@ -39,7 +39,7 @@ class BoxesOfCamera(NamedTuple):
     Attributes:
         camera: camera, which has a pose.
         boxes: (n, 4) left, top, right, bottom [px].
-        steps: (n,) number of the time step of each.
+        steps: (n,) index of the time step of each box.
     """
 
     camera: Camera
@@ -48,7 +48,7 @@ class BoxesOfCamera(NamedTuple):
 
     @property
     def size(self) -> Floats:
-        """(2,) image size [px]; if unknown, the largest coordinates of the boxes."""
+        """(2,) width and height of the image [px]; if unknown, the largest coordinates of the boxes."""
         if self.camera.image_size is not None:
             return np.array(self.camera.image_size, dtype=np.float64)
         return np.asarray(self.boxes[:, 2:].max(axis=0, initial=1.0) + 1.0)
@@ -58,12 +58,12 @@ class BoxesOfCamera(NamedTuple):
         return BoxesOfCamera(self.camera, other.boxes, other.steps)
 
     def during(self, first: int, last: int) -> BoxesOfCamera:
-        """The boxes of the time steps first to last (inclusive)."""
+        """Return the camera with the boxes of the time steps first to last (inclusive) only."""
         own = (self.steps >= first) & (self.steps <= last)
         return BoxesOfCamera(self.camera, self.boxes[own], self.steps[own])
 
     def every(self, count: int) -> BoxesOfCamera:
-        """The boxes of every `count`-th time step."""
+        """Return the camera with the boxes of every `count`-th time step only."""
         if count == 1:
             return self
         own = self.steps % count == 0
@@ -71,12 +71,12 @@ class BoxesOfCamera(NamedTuple):
 
 
 class Overlap(NamedTuple):
-    """Overlaps (intersection over union) of boxes expected by projection with the boxes of the image.
+    """Overlaps (intersection over union) of n projected people with the boxes of the image they are projected into.
 
     Attributes:
         steps: (n,) time step of each person who is expected in an image.
         met: (n,) largest intersection over union with a box there.
-        chance: (n,) that with the boxes of another time.
+        chance: (n,) largest intersection over union with the boxes of another time.
     """
 
     steps: Ints
@@ -93,7 +93,7 @@ class Overlap(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """Chance-corrected share of overlapping people, like Cohen's kappa.
+        """Share of overlapping people beyond chance, like Cohen's kappa.
 
         1 if all overlap, 0 if as many as by chance.
         """
@@ -102,12 +102,15 @@ class Overlap(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean overlap minus the mean overlap by chance."""
+        """Mean overlap (intersection over union) minus the mean overlap by chance; NaN if no person is expected."""
         return float(np.mean(self.met) - np.mean(self.chance)) if len(self.met) else float("nan")
 
 
 def clearly_larger(a: Overlap, b: Overlap) -> bool:
-    """Whether the mean overlap in `a` is larger than in `b`, by `MIN_SIGMAS` standard errors over intervals of time."""
+    """Return whether the mean overlap in `a` is clearly larger than in `b`.
+
+    By `MIN_GAIN`, and by `MIN_SIGMAS` standard errors over intervals of time.
+    """
     steps = 1 + max(int(each.steps.max(initial=0)) for each in (a, b))
     sums = []
     for each in (a, b):
@@ -123,9 +126,10 @@ def clearly_larger(a: Overlap, b: Overlap) -> bool:
 
 
 def located(view: BoxesOfCamera, person_height: float) -> Floats:
-    """(n, 4) x, y, height and width of the person in each box, located by this camera alone; NaN if not located.
+    """Return (n, 4) x, y, height and width of the person in each box, located by this camera alone; NaN if not located.
 
-    `person_height` is the mean height, in the scene's unit; heights far from it are not those of people.
+    Not located are boxes at the image border, too far away, or with a height unlike `person_height`, the mean height of
+    people [scene unit].
     """
     boxes, camera, size = view.boxes, view.camera, view.size
     out = np.full((len(boxes), 4), np.nan)
@@ -144,7 +148,7 @@ def located(view: BoxesOfCamera, person_height: float) -> Floats:
 
 
 def person_heights(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Floats:
-    """(C,) median height of people by the boxes (n, 4) of each camera, in the scene's unit; NaN: too few boxes.
+    """Return the median height (C,) of people by the boxes (n, 4) of each camera [scene unit]; NaN: too few boxes.
 
     The feet are at the middle of the lower edge, on the ground; the head is above them, in the row of the upper edge.
     """
@@ -157,7 +161,10 @@ def person_heights(boxes: Sequence[Floats], cameras: Sequence[Camera]) -> Floats
 
 
 def _heights(boxes: Floats, camera: Camera) -> Floats:
-    """(k,) heights of the k boxes with feet on the ground that neither the upper nor the lower border cuts."""
+    """Return heights (k,) of the k boxes with feet on the ground that neither the upper nor the lower border cuts.
+
+    `boxes` (n, 4) are left, top, right, bottom [px]; heights are in the scene's unit.
+    """
     left, top, right, bottom = boxes.T
     if camera.image_size is not None:
         whole = (bottom < camera.image_size[1] - 1 - BORDER_PX) & (top > BORDER_PX)
@@ -172,14 +179,17 @@ def _heights(boxes: Floats, camera: Camera) -> Floats:
 
 
 def ideal(camera: Camera, pixels: Floats) -> Floats:
-    """(n, 2) undistorted points in the normalised image of pixels (n, 2); NaN if not in front of the camera."""
+    """Return the undistorted points (n, 2) in the normalised image of pixels (n, 2).
+
+    NaN if not in front of the camera.
+    """
     rays = camera.rays(pixels) @ camera.rotation
     with np.errstate(all="ignore"):
         return np.asarray(np.where(rays[:, 2:] > 0.0, rays[:, :2] / rays[:, 2:], np.nan))
 
 
 def upright(camera: Camera, boxes: Floats) -> Floats:
-    """(2, n, 2) feet and heads, in the normalised image, of upright people that fill boxes (n, 4).
+    """Return feet and heads (2, n, 2), in the normalised image, of upright people that fill boxes (n, 4).
 
     The ends of a vertical line at the lower and upper edges, with their midpoint in the middle of the box; off the
     image centre the head is not directly above the feet.
@@ -200,7 +210,7 @@ def upright(camera: Camera, boxes: Floats) -> Floats:
 def located_by_ends(
     camera: Camera, feet: Floats, head: Floats, beyond: Floats | float, raised: Floats | float = 0.0
 ) -> Floats:
-    """(..., n, 3) x, y and height of people by feet and head (..., n, 2) in the normalised image.
+    """Return (..., n, 3) x, y and height of people by feet and head (..., n, 2) in the normalised image.
 
     NaN if the feet are not on the ground.
 
@@ -208,8 +218,8 @@ def located_by_ends(
         camera: camera, which has a pose.
         feet: lowest points of the people.
         head: highest points of the people.
-        beyond: distance of the axis of a body from its lowest point.
-        raised: height of the camera above that of its pose.
+        beyond: horizontal distance of the body's axis behind its lowest point [scene unit].
+        raised: height of the camera above that of its pose [scene unit].
     """
     z = camera.position[2] + raised
     with np.errstate(all="ignore"):
@@ -222,7 +232,9 @@ def located_by_ends(
 
 
 def projected_people(camera: Camera, people: Floats) -> Floats:
-    """(n, 4) boxes of upright people, projected from feet and head; NaN if behind the camera or upside down.
+    """Return boxes (n, 4) [px] of upright people, projected from feet and head.
+
+    NaN if behind the camera or upside down.
 
     Args:
         camera: camera, which has a pose.
@@ -241,7 +253,7 @@ def projected_people(camera: Camera, people: Floats) -> Floats:
 
 
 def in_image(boxes: Floats, size: Floats) -> Bools:
-    """(n,) whether the middle of each box (n, 4) is in an image of this size (2,)."""
+    """Return a mask (n,): the centre of each of the `boxes` (n, 4) is in an image of `size` (2,) width, height [px]."""
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
         return np.asarray(((middle > 0.0) & (middle < size)).all(axis=1))
@@ -254,14 +266,14 @@ def overlap(
     person_height: float,
     of: Sequence[int] | None = None,
 ) -> Overlap:
-    """Overlaps of all pairs of cameras with at least one changed camera.
+    """Return the overlaps of all pairs of cameras with at least one changed camera.
 
     Args:
         views: boxes of all cameras.
-        changed: changed cameras, by the number of the camera that each replaces.
+        changed: changed cameras, by the index of the camera that each replaces.
         steps: number of time steps.
-        person_height: height of people in the scene's unit.
-        of: cameras that are compared with the changed ones; None: all.
+        person_height: mean height of people in the scene's unit.
+        of: indices of the cameras that are compared with the changed ones; None: all.
     """
     now = [changed.get(c, view) for c, view in enumerate(views)]
     others = {*(range(len(views)) if of is None else of), *changed}
@@ -270,9 +282,9 @@ def overlap(
 
 
 def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[Overlap]:
-    """Return the overlaps of each camera with all others, for `steps` time steps.
+    """Return the overlaps of each camera with all others, in both directions, for `steps` time steps.
 
-    `person_height` is in the scene's unit.
+    `person_height` is the mean height of people in the scene's unit.
     """
     pairs = [(a, b) for a in range(len(views)) for b in range(len(views)) if a != b]
     found = _of_pairs(views, pairs, steps, person_height)
@@ -280,7 +292,7 @@ def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -
 
 
 def merged(parts: Sequence[Overlap]) -> Overlap:
-    """Return several overlaps as one, in their order."""
+    """Return several overlaps concatenated to one, in their order."""
     nothing = Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     return Overlap(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
@@ -290,7 +302,11 @@ def _of_pairs(
 ) -> dict[tuple[int, int], Overlap]:
     """Return, by pair (a, b), the overlaps of people located by camera a with the boxes of camera b.
 
-    `pairs` are indices of `views`, `steps` is the number of time steps, `person_height` in the scene's unit.
+    Args:
+        views: cameras with their boxes.
+        pairs: pairs of indices of `views`.
+        steps: number of time steps.
+        person_height: mean height of people in the scene's unit.
     """
     people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
     padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
@@ -298,10 +314,15 @@ def _of_pairs(
 
 
 def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, there: Floats) -> Overlap:
-    """Overlaps of people located by the camera `source` with the boxes of `target`, if projected into its image.
+    """Return the overlaps of people located by one camera, projected into another image, with the boxes there.
 
-    `there`: (T, most boxes, 4) boxes of `target` by time step. The overlap by chance is that with boxes half the
-    recording later.
+    The overlap by chance is that with boxes half the recording later. Time steps without boxes of `target` are omitted.
+
+    Args:
+        source: camera that located the people.
+        people: (n, 4) x, y, height, width of its boxes; NaN: not located.
+        target: camera into which they are projected.
+        there: (T, most boxes, 4) boxes of `target` by time step, padded with NaN.
     """
     known = np.flatnonzero(np.isfinite(people).all(axis=1))
     boxes = projected_people(target.camera, people[known])
@@ -319,7 +340,7 @@ def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, ther
 
 
 def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
-    """(T, most boxes, 4) boxes of a camera by time step, T = `steps`, padded with NaN."""
+    """Return the boxes (T, most boxes, 4) of a camera by time step, T = `steps`, padded with NaN."""
     counts = np.bincount(view.steps, minlength=steps)
     out = np.full((steps, max(int(counts.max(initial=0)), 1), 4), np.nan)
     order = np.argsort(view.steps, kind="stable")
@@ -330,9 +351,9 @@ def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
 
 
 def _largest(boxes: Floats, others: Floats) -> Floats:
-    """(n,) largest intersection over union of each box (n, 4) with the boxes (n, m, 4) of its time step.
+    """Return the largest intersection over union (n,) of each box (n, 4) with the boxes `others` (n, m, 4) in its row.
 
-    0 without overlap.
+    0 without overlap; others may be NaN.
     """
     if not len(boxes):
         return np.zeros(0)
@@ -346,7 +367,10 @@ def _largest(boxes: Floats, others: Floats) -> Floats:
 
 
 def paired_rows(first: Ints, second: Ints) -> tuple[Ints, Ints]:
-    """Indices (i, j), each (k,), of all pairs of rows with equal time steps, of `first` (n,) and `second` (m,)."""
+    """Return indices (i, j), each (k,), of all pairs of rows with equal time steps.
+
+    `first` (n,) and `second` (m,) are the time steps of two sets of rows; i is of the first, j of the second.
+    """
     order = np.argsort(second, kind="stable")
     when = second[order]
     low, high = np.searchsorted(when, first, "left"), np.searchsorted(when, first, "right")
