@@ -18,12 +18,11 @@ from occlog.records.columns import ColumnTable, check_order, column, first_row, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occluders(ColumnTable):
-    """Gaussian priors of the moving occluders' positions.
+    """Gaussian priors of the moving occluders' positions on the ground.
 
-    A row holds everything that is known at its time: an occluder that has no row then is
-    not there.  A time at which there is known to be none is one row with `occluder_id` = -1
-    and NaN elsewhere, to distinguish it from a time without information.
-    A covariance of 0 means that the position is known.
+    The rows of a time list all occluders that are present then. A time known to have no occluder is one row with
+    `occluder_id` = -1 and NaN elsewhere, to distinguish it from a time without information. A covariance of 0 means
+    that the position is known.
     """
 
     NAME: ClassVar[str] = "occluders"
@@ -51,10 +50,10 @@ class Occluders(ColumnTable):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hulls(ColumnTable):
-    """Polygons on the ground in which the moving occluders are: the visual hull of several views.
+    """Polygons on the ground that contain the moving occluders: visual hulls from several views.
 
-    An occluder is anywhere in its polygon with equal probability.  As in `Occluders` a time
-    without any is one row with `occluder_id` = -1.
+    An occluder is anywhere in its polygon with equal probability. A time known to have no occluder is one row with
+    `occluder_id` = -1.
     """
 
     NAME: ClassVar[str] = "hulls"
@@ -85,12 +84,12 @@ class Hulls(ColumnTable):
 
 
 def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
-    """InputError if an occluder has no position, or a row without occluder has one.
+    """InputError if a row with an occluder has no position, or a row without one has a position.
 
     Args:
-        table: for the message.
-        identity: (n,) of the occluder; -1: none.
-        there: (n,) rows with a position.
+        table: for the name of the table in the message.
+        identity: (n,) number of the occluder; -1: none.
+        there: (n,) mask of rows with a position.
     """
     if (wrong := (identity >= 0) != there).any():
         row = first_row(wrong)
@@ -102,7 +101,7 @@ def _check_there(table: ColumnTable, identity: Ints32, there: Bools) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth(ColumnTable):
-    """True positions on the ground of the targets and of the objects that hide them."""
+    """True positions of the targets, and of the moving objects that occlude them."""
 
     NAME: ClassVar[str] = "truth"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
@@ -165,7 +164,7 @@ PATH_STATES = (*STATES, "end")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotPath(ColumnTable):
-    """Positions of a robot in a potential field, and the forces that decide on its next step."""
+    """Positions of a robot in a potential field, and the forces that determine its next step."""
 
     NAME: ClassVar[str] = "robot_path"
     KEY: ClassVar[tuple[str, ...]] = ("t_ns",)
@@ -212,10 +211,10 @@ END_TO_END = "end-to-end"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delays(ColumnTable):
-    """Messages between sensors, routers and a server, and their delays.
+    """Simulated messages between sensors, routers and a server, with their delays.
 
-    A row is a message with all of its packets; rows of the kind `end-to-end` are of a router, from the detection of its
-    objects to the last final estimate.
+    A row is a message with all of its packets. Rows of the kind `end-to-end` are for a router: from the detection of
+    its objects to the last final estimate.
     """
 
     NAME: ClassVar[str] = "delays"
