@@ -75,7 +75,11 @@ def network_schema() -> dict[str, object]:
 
 
 def read_network(path: Path) -> NetworkSpec:
-    """Read a network; InputError names the fault."""
+    """Read a network of routers, sensors and cameras from a YAML file.
+
+    Raises:
+        InputError: a value is invalid, names repeat or are unknown, or a node is not connected with the server.
+    """
     spec = read_yaml(path, NetworkSpec, "a network (YAML)")
     nodes = {name for pair in spec.links for name in pair}
     routers = nodes - {spec.server}
@@ -110,7 +114,7 @@ def read_network(path: Path) -> NetworkSpec:
 
 
 def _check_ways(path: Path, spec: NetworkSpec, nodes: set[str]) -> None:
-    """Check that links, in any direction, lead from the server to each node; InputError names the first one without.
+    """InputError, which names the first one, if a node is not connected with the server by links in any direction.
 
     Args:
         path: file, for messages.
