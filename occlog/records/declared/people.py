@@ -128,7 +128,7 @@ class Associations(ColumnTable):
     probability: Floats = column("f8", "1", "that the box is of this person, above 0 and at most 1")
 
     def check(self) -> None:
-        """Check that times are in order, and probabilities in range."""
+        """InputError unless times are in order, and probabilities above 0 and at most 1."""
         check_order(self)
         if (bad := ~((self.probability > 0.0) & (self.probability <= 1.0))).any():
             row = first_row(bad)
@@ -182,7 +182,7 @@ class Events(ColumnTable):
         )
 
     def check(self) -> None:
-        """Check that times are in order, and kinds are known."""
+        """InputError unless times are in order, and kinds are among `KINDS`."""
         check_order(self)
         if (bad := ~np.isin(self.kind, KINDS)).any():
             row = first_row(bad)

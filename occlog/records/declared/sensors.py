@@ -218,7 +218,7 @@ class Views(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order, boxes have positive plausible sizes, and identities and frames are valid."""
+        """InputError unless times are in order, frames and identities valid, and boxes of plausible, positive size."""
         check_order(self)
         check_frames(self.frame, "Views")
         check_ids(self.target_id, "target_id", "Views")
@@ -254,7 +254,7 @@ class Boxes(ColumnTable):
     confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Check that times are in order, boxes have positive plausible sizes, and identities and frames are valid."""
+        """InputError unless times are in order, frames and identities valid, and boxes of plausible, positive size."""
         check_order(self)
         name = type(self).__name__
         check_frames(self.frame, name)
@@ -302,7 +302,7 @@ class Doa(ColumnTable):
     confidence: Floats = column("f8", "1", "strength of the peak, 0 to 1", nan="not given")
 
     def check(self) -> None:
-        """Check that times are in order, and azimuths wrapped."""
+        """InputError unless times are in order, source numbers are valid, and azimuths are between -pi and pi."""
         check_order(self)
         check_ids(self.source_id, "source_id", "Doa")
         bad = ~(np.abs(self.azimuth) <= np.pi)
@@ -374,7 +374,7 @@ class Reads(ColumnTable):
     rssi: Floats = column("f8", "dBm", "strength of the received signal", nan="the reader does not measure it")
 
     def check(self) -> None:
-        """Check that times are in order, and every tag has a target."""
+        """InputError unless times are in order, and every row has a target (`target_id` at least 0)."""
         check_order(self)
         if (bad := self.target_id < 0).any():
             row = first_row(bad)
@@ -437,7 +437,10 @@ class Measurements(ColumnTable):
     sigma_bearing: Floats = column("f8", "rad", "its standard deviation, > 0", nan="not stated", optional=True)
 
     def check(self) -> None:
-        """Check times, targets, positive standard deviations, and two stations for each difference."""
+        """InputError unless times are in order, and each row has a target, a value and positive standard deviations.
+
+        A bearing requires a range; a difference requires a second station, in `reference`.
+        """
         check_order(self)
         bad: Bools = np.asarray(self.target_id < 0)
         if bad.any():

@@ -58,7 +58,7 @@ class Tracks(ColumnTable):
     cov_zz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
 
     def check(self) -> None:
-        """Check that times are in order, and covariances positive semidefinite up to rounding."""
+        """InputError unless times are in order, and covariances positive semidefinite (up to rounding) or NaN."""
         check_order(self)
         unknown = np.isnan(self.cov_xx) & np.isnan(self.cov_xy) & np.isnan(self.cov_yy)
         bad = ~(unknown | semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)) | (self.cov_zz < 0)
@@ -132,7 +132,7 @@ class VirtualSensors(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "covariance of a position that is even over the region")
 
     def check(self) -> None:
-        """Check that areas and numbers of readers are not negative."""
+        """InputError unless times are in order, and areas and numbers of readers are not negative."""
         check_order(self)
         if (bad := (self.area < 0.0) | (self.count < 0)).any():
             raise InputError(f"VirtualSensors: row {first_row(bad)}: area and count must not be below 0")
@@ -211,7 +211,7 @@ class Diagnostics(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
@@ -230,7 +230,7 @@ class Particles(ColumnTable):
     weight: Floats = column("f8", "1", "its weight; those of one target and time have the sum 1")
 
     def check(self) -> None:
-        """Check that times are in order, and weights in range."""
+        """InputError unless times are in order, and weights from 0 to 1."""
         check_order(self)
         bad = ~((self.weight >= 0.0) & (self.weight <= 1.0 + 1e-9))
         if bad.any():
@@ -261,7 +261,7 @@ class Residuals(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order, and probabilities and variances in range."""
+        """InputError unless times are in order, inlier probabilities from 0 to 1, and variances not negative."""
         check_order(self)
         bad = ~((self.inlier_probability >= 0.0) & (self.inlier_probability <= 1.0) & (self.expected_variance >= 0.0))
         if bad.any():
@@ -291,7 +291,7 @@ class Calibration(ColumnTable):
     sd_dyaw: Floats = column("f8", "rad", "standard deviation")
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
@@ -328,7 +328,7 @@ class Errors(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 
@@ -377,7 +377,7 @@ class Bound(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 

@@ -118,7 +118,7 @@ class Failures(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that times are in order, and kinds are known."""
+        """InputError unless times are in order, and each kind is `position` or `label`."""
         check_order(self)
         if (bad := ~np.isin(self.kind, ("position", "label"))).any():
             row = first_row(bad)
@@ -142,7 +142,7 @@ class Counts(ColumnTable):
     switches: Ints = column("i8", "1", "targets with another track than they had last")
 
     def check(self) -> None:
-        """Check that times are in order."""
+        """InputError unless times are in order."""
         check_order(self)
 
 

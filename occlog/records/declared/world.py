@@ -38,7 +38,10 @@ class Occluders(ColumnTable):
     cov_yy: Floats = column("f8", "m^2", "position covariance", nan="no occluder")
 
     def check(self) -> None:
-        """Check times, numbers of occluders, and positive semidefinite covariances."""
+        """InputError unless times are in order, rows with an occluder have a position, and covariances are valid.
+
+        Rows without one (`occluder_id` -1) have none. Covariances must be positive semidefinite.
+        """
         check_order(self)
         numbers = np.stack([self.x, self.y, self.cov_xx, self.cov_xy, self.cov_yy])
         there: Bools = np.asarray(np.isfinite(numbers).all(axis=0))
@@ -66,7 +69,10 @@ class Hulls(ColumnTable):
     y: Floats = column("f8", "m", "position of the corner", nan="no occluder")
 
     def check(self) -> None:
-        """Check times, and that corners are numbered from 0, at least three per polygon."""
+        """InputError unless times are in order, and each occluder has a polygon with corners numbered from 0.
+
+        A polygon has at least three corners. Rows without an occluder (`occluder_id` -1) have no position.
+        """
         check_order(self)
         _check_there(self, self.occluder_id, np.isfinite(self.x) & np.isfinite(self.y))
         if not len(self):
@@ -115,7 +121,7 @@ class Truth(ColumnTable):
     z: Floats = column("f8", "m", "height of the point above the ground", nan="not known")
 
     def check(self) -> None:
-        """Check that times are in order, and roles are known."""
+        """InputError unless times are in order, and each role is `target` or `occluder`."""
         check_order(self)
         bad = ~np.isin(self.role, ("target", "occluder"))
         if bad.any():
@@ -147,7 +153,7 @@ class PlanMap(ColumnTable):
     )
 
     def check(self) -> None:
-        """Check that probabilities are between 0 and 1."""
+        """InputError unless times are in order, and weights and probabilities from 0 to 1."""
         check_order(self)
         for name in ("weight", "seen_by_0", "seen_by_1", "seen_by_2", "unlocalised_share"):
             values = getattr(self, name)
@@ -197,7 +203,7 @@ class RobotPath(ColumnTable):
     obstacle: Strings = column("U", "1", "name of that obstacle; empty: no obstacle")
 
     def check(self) -> None:
-        """Check that times are in order, and states are known."""
+        """InputError unless times are in order, and states are among `PATH_STATES`."""
         check_order(self)
         bad = ~np.isin(self.state, PATH_STATES)
         if bad.any():
@@ -235,7 +241,7 @@ class Delays(ColumnTable):
     air_s: Floats = column("f8", "s", "time on the air with acknowledgements, over all hops", nan="end-to-end")
 
     def check(self) -> None:
-        """Check that times are in order, and that no message arrives before it is sent."""
+        """InputError unless times are in order, and no delay is negative."""
         check_order(self)
         if (bad := self.delay_s < 0.0).any():
             row = first_row(bad)
