@@ -91,7 +91,7 @@ class BoxExtents:
     def _found(self, known: Collection[str], given: bool) -> Iterator[Check]:
         """Yield a finding on another image size if box edges of all cameras agree on it.
 
-        Else on boxes beyond the images.
+        Otherwise, yield findings on boxes beyond the images, if any.
 
         Args:
             known: cameras with an image size that is known from images or box files, not only from the calibration.

@@ -104,7 +104,7 @@ def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | Non
 def known_cameras(plan: IngestPlan, scene: Scene) -> list[str]:
     """Names of the cameras to which names in box files can refer.
 
-    They are those with videos, images or named box files, or without any those of the scene.
+    They are the cameras with videos, images or named box files; if there are none, all cameras of the scene.
     """
     given = _named_cameras(plan)
     return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))

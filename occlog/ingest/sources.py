@@ -37,7 +37,7 @@ Sidecars = dict[str, tuple[Ints, str]]
 
 @dataclass
 class IngestFailures:
-    """Losses of an ingest, and the errors of cameras that could not be used at all (`failures`)."""
+    """Losses of an ingest (`losses`), and the errors of cameras that could not be used at all (`failures`)."""
 
     losses: list[Loss] = field(default_factory=list)
     failures: list[InputError] = field(default_factory=list)

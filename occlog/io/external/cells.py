@@ -41,9 +41,9 @@ class TableCells(Protocol):
         """(n,) texts of a column; empty cells are an error unless `blank` is true."""
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers of a column of lists.
+        """(n, width) numbers of a column of lists; NaN for empty cells.
 
-        NaN for empty cells. `ANY_WIDTH`: as many as the first list that is not empty.
+        `width` `ANY_WIDTH`: as many numbers as in the first list that is not empty.
         """
 
     def bools(self, name: str) -> Bools:
@@ -53,10 +53,7 @@ class TableCells(Protocol):
         """(n,) times of a column [ns since the Unix epoch]; an empty `unit` of numbers is inferred from their size."""
 
     def steps(self, name: str) -> Floats:
-        """(n,) resolution of each number of a column, in its unit (value of the last digit or bit), if coarse.
-
-        Else 0.
-        """
+        """(n,) resolution of each number of a column in its unit (value of the last digit or bit); 0 unless coarse."""
 
     def raw(self, name: str) -> list[object]:
         """(n,) values of a column as in the file."""

@@ -94,7 +94,7 @@ class ReadLog:
     Attributes:
         reads: sorted by time.
         tags: target number of each tag.
-        late: number of rows that stood after a later one.
+        late: number of rows that come after a row of a later time.
         double: number of exact duplicates, which were skipped.
     """
 

@@ -246,7 +246,7 @@ class FramePose(NamedTuple):
 
 
 class Transforms:
-    """Tree of the transforms between the frames of a bag.
+    """Tree of the transforms between the coordinate frames of a bag.
 
     Attributes:
         edges: pose of each frame in its parent.
@@ -283,11 +283,11 @@ class Transforms:
 
     @property
     def frames(self) -> list[str]:
-        """Names of all frames, sorted."""
+        """Names of all coordinate frames, sorted."""
         return sorted({*self.edges, *(edge.parent for edge in self.edges.values())})
 
     def knows(self, frame: str) -> bool:
-        """Whether a frame is in the tree, as child or parent."""
+        """Whether a coordinate frame is in the tree, as child or parent."""
         return frame in self.edges or any(edge.parent == frame for edge in self.edges.values())
 
     def chain(self, frame: str) -> list[str]:
@@ -303,9 +303,9 @@ class Transforms:
         return out
 
     def still_root(self, frame: str) -> str:
-        """Highest frame in the chain from `frame` to the root in which it is static.
+        """Farthest ancestor of a coordinate frame in which it does not move.
 
-        Itself if it moves in its parent.
+        If it moves in its parent, the frame itself.
         """
         for above in self.chain(frame):
             if above not in self.edges or not self.edges[above].still:
@@ -338,7 +338,7 @@ class Transforms:
         return FramePose(b.rotation.T @ a.rotation, b.rotation.T @ (a.translation - b.translation))
 
     def _to(self, frame: str, above: str) -> FramePose:
-        """Pose of a frame in its ancestor `above`."""
+        """Pose of a coordinate frame in its ancestor `above`."""
         rotation, translation = np.eye(3), np.zeros(3)
         while frame != above:
             edge = self.edges[frame]

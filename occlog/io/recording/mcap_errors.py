@@ -122,7 +122,8 @@ def _made_index(path: Path, state: tuple[int, ...]) -> RebuiltIndex:  # noqa: AR
 def check_index(path: Path) -> None:
     """InputError if the index of an MCAP file omits messages or has wrong counts; reads the whole file.
 
-    Readers detect this from the message indexes after chunks, unless these omit the same messages.
+    When messages are read, an omission is noticed by the message indexes that follow each chunk, unless these omit the
+    same messages; this function detects it then, too.
     """
     with open_mcap(path) as (reader, summary):
         if isinstance(reader, RebuiltIndexReader):

@@ -161,9 +161,9 @@ class McapRecording:
             return read_attachment(self.path, file, *self.attachments[name])
 
     def tables(self, table: type[T], rows: int = ROWS_PER_CHUNK) -> Iterator[T]:
-        """Yield the rows of `table`, in the order of time, in chunks of about `rows` rows; no time is split.
+        """Yield the rows of `table`, in the order of time, in chunks of about `rows` rows.
 
-        InputError for a damaged or invalid message.
+        Rows of one time are in one chunk. InputError for a damaged or invalid message.
         """
         topics = [t.name for t in self.topics if t.schema == schema_of(table)]
         collector = RowCollector(table, str(self.path))

@@ -178,10 +178,7 @@ class CsvRows:
         return self.fail(row, f"{name} is {cell!r}; {wanted} was expected; correct this {self.location}")
 
     def steps(self, name: str) -> Floats:
-        """(n,) value of the last digit of each number of a column that is written with an exponent, if above 1.
-
-        Else 0.
-        """
+        """(n,) value of the last digit of each number with an exponent in a column, if above 1; 0 for all others."""
         out, cells = np.zeros(len(self)), self.cells[name]
         for row in np.flatnonzero(np.char.find(np.char.lower(cells), "e") >= 0).tolist():
             out[row] = last_place(str(cells[row]))

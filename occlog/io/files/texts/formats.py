@@ -125,7 +125,7 @@ class TextFormat:
     """A text table with a first line that names the columns.
 
     Attributes:
-        what: what a file of it is, for messages.
+        what: noun for a file of this format, for messages.
         columns: declarations, by occlog's name of the column.
         times: whether it may have a column of times, under one of the names of `TIME_COLUMNS`.
         ignored: names of columns that may be there and are not used.

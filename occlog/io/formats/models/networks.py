@@ -31,14 +31,14 @@ class SensorNodeSpec(NetworkFileSpec, kw_only=True):
 
 
 class CameraNodeSpec(NetworkFileSpec, kw_only=True):
-    """Camera node at a router."""
+    """A camera of a traffic simulation and the router it is attached to."""
 
     name: Name
     router: Name
 
 
 class SizesSpec(NetworkFileSpec, kw_only=True):
-    """Message sizes [bytes]."""
+    """Sizes of the messages of a traffic simulation [bytes]."""
 
     packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
     header: Annotated[Bytes, Meta(description="added to each packet")] = 0
@@ -50,7 +50,7 @@ class SizesSpec(NetworkFileSpec, kw_only=True):
 
 
 class NetworkSpec(NetworkFileSpec, kw_only=True):
-    """A network: [Lee] Fig. 5-40, or its chain of routers, Fig. 5-41."""
+    """Network of a traffic simulation: that of [Lee] Fig. 5-40, or its chain of routers (Fig. 5-41)."""
 
     occlog_network: Annotated[Literal[1], Meta(description="version of this format")]
     server: Name
@@ -70,7 +70,7 @@ class NetworkSpec(NetworkFileSpec, kw_only=True):
 
 
 def network_schema() -> dict[str, object]:
-    """JSON Schema of networks."""
+    """JSON Schema of files with a network for `occlog traffic`."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(NetworkSpec)}
 
 

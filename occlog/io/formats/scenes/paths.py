@@ -76,7 +76,7 @@ class PathsSpec(SceneFileSpec, kw_only=True):
 
 
 def paths_schema() -> dict[str, object]:
-    """JSON Schema of path files."""
+    """JSON Schema of files with paths of scripted targets."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(PathsSpec)}
 
 

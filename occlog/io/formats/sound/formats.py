@@ -470,7 +470,7 @@ def parse_hop(text: str) -> Fraction:
 def _hops(path: Path, losses: list[Loss]) -> Iterator[_OdasObject]:
     """Yield the JSON objects of an ODAS stream, which is read in pieces.
 
-    One cut off by its end is added to `losses`.
+    If the file ends within the last object, this is added to `losses`.
     """
     decoder = json.JSONDecoder(parse_constant=_refuse_constant)
     text, at, line, ended = "", 0, 1, False

@@ -47,7 +47,7 @@ class SharedImages:
     """
 
     def __init__(self) -> None:
-        """Create the memory, still empty."""
+        """Create an empty memory file without space for images."""
         self.file = os.memfd_create("images", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         self.size = self._slots = 0
         self._held: set[int] = set()
