@@ -50,7 +50,7 @@ class _Border(NamedTuple):
 
 
 class BoxExtents:
-    """Histograms of the right and lower edges of boxes by pixel, for each camera; finds out a wrong image size."""
+    """Histograms of the right and lower edges of boxes by pixel, for each camera, to detect a wrong image size."""
 
     def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
         """Start without boxes; `sizes` has width and height [px] of the images by camera."""
