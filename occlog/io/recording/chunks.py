@@ -116,6 +116,7 @@ def unpacked(data: bytes, compression: str, declared: int) -> bytes:
 
     Raises:
         ValueError: they are larger than declared or allowed, or the compression is unknown.
+        zstandard.ZstdError, RuntimeError: the data are damaged.
     """
     stated = max(declared, stated_size(data, compression))
     if stated > MAX_CHUNK_BYTES:

@@ -315,8 +315,8 @@ class Doa(ColumnTable):
 class Positions(ColumnTable):
     """Positions on the ground that a detector reports: a network for the ground plane, lidar, radar, ultra-wideband.
 
-    A frame without any target is one row with `detection` = -1 and NaN elsewhere, as in `boxes`.  The source need not
-    be a sensor of the scene.
+    A frame without any target is one row with `detection` = -1 and NaN elsewhere, as in `boxes`. The source need not be
+    a sensor of the scene.
     """
 
     NAME: ClassVar[str] = "positions"

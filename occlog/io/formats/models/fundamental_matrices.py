@@ -48,7 +48,7 @@ class PairSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
 
 
 class EpipolarSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Epipolar geometry of the views of a recording."""
+    """Content of a file with fundamental matrices between the views of a recording."""
 
     occlog_epipolar: Annotated[Literal[1], Meta(description="version of this format")] = 1
     pairs: Annotated[list[PairSpec], Meta(min_length=1, description="each pair once, in either order")]
