@@ -501,14 +501,14 @@ class _Bits:
         self._value, self._left = int.from_bytes(data, "big"), 8 * len(data)
 
     def u(self, n: int) -> int:
-        """Next n bits as an unsigned integer."""
+        """Read the next n bits as an unsigned integer; IndexError at the end of the data."""
         self._left -= n
         if self._left < 0:
             raise IndexError
         return self._value >> self._left & ((1 << n) - 1)
 
     def ue(self) -> int:
-        """Next unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1)."""
+        """Read the next unsigned Exp-Golomb code (ITU-T H.264 sec. 9.1); IndexError at the end of the data."""
         zeros = 0
         while not self.u(1):
             zeros += 1

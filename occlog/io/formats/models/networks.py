@@ -18,7 +18,7 @@ Bytes = Annotated[int, Meta(ge=0, le=1_000_000_000)]
 
 
 class NetworkFileSpec(msgspec.Struct, forbid_unknown_fields=True):
-    """Base class of all parts of the file; unknown keys are errors."""
+    """Base class of all parts of a network file for `occlog traffic`; unknown keys are errors."""
 
 
 class SensorNodeSpec(NetworkFileSpec, kw_only=True):
