@@ -45,20 +45,20 @@ class Message(NamedTuple):
     limit: str = ""
 
     def fill(self, sensors: Sequence[str] = (), targets: Sequence[int] = (), **values: object) -> str:
-        """Text and remedy with names of sensors, targets and other values filled in."""
+        """Text and remedy, joined by "; ", with the placeholders replaced by sensors, targets and the other values."""
         template = f"{self.text}; {self.remedy}" if self.remedy else self.text
         return template.format(option=_OPTIONS, sensors=listed(sensors), targets=listed(targets), **values)
 
 
 class _Options:
-    """Access to options in a template: `{option[initial_ellipses]}`."""
+    """Mapping for templates: `{option[initial_ellipses]}` is this option in the spelling of the surface in use."""
 
     def __getitem__(self, name: str) -> str:
         return option(name)
 
 
 def listed(names: Sequence[object]) -> str:
-    """Format the first `MAX_NAMES` names, and the number of others."""
+    """First `MAX_NAMES` names, separated by commas, and how many more there are: `a, b, c, 2 more`."""
     more = [f"{len(names) - MAX_NAMES} more"] if len(names) > MAX_NAMES else []
     return ", ".join([*map(str, names[:MAX_NAMES]), *more])
 

@@ -16,12 +16,12 @@ POSITIONS = "write CSV: time,id,x,y, in metres, with z up"
 
 
 class UnreadProgram(NamedTuple):
-    """A format of another program.
+    """A format of another program that is recognised but not read.
 
     Attributes:
         words: what a file of it is.
         remedy: what to write in its place.
-        pattern: of the first bytes; a text of several parts has each of them, in any order.
+        pattern: regular expression that the first bytes of such a file match.
     """
 
     words: str
@@ -95,13 +95,13 @@ PROGRAMS = (
 
 
 def describe_program(head: bytes) -> str | None:
-    """Describe a file of a program that is not read, with the remedy, by its first bytes; None: unknown."""
+    """Text on a file of a program that is not read, with the remedy, by the first bytes of the file; None: unknown."""
     found = next((each for each in PROGRAMS if each.pattern.match(head)), None)
     return None if found is None else f"is {found.words}, which is not read; {found.remedy}"
 
 
 def refuse_unread(path: Path) -> None:
-    """InputError for a file, or a folder whose first file with content is one, of a program that is not read."""
+    """InputError if a file, or the first non-empty file of a folder, is of a program that is not read."""
     if path.is_dir():
         files = sorted(each for each in path.iterdir() if each.is_file() and not each.name.startswith("."))
         path = next((each for each in files if each.stat().st_size), path)

@@ -173,8 +173,7 @@ def dwell_times(
         frame_counts: (T + 1, C) number of frames of each camera before each time step.
         step_index: (n,) time step of each node.
         miss: (n, C) log of the probability that a camera misses the person there in plain view.
-        hiding: (C, 2) probabilities that a person in plain view becomes hidden, and a hidden one visible, by the camera's
-            next frame.
+        hiding: (C, 2) probabilities that a person becomes hidden, and visible again, by the camera's next frame.
         rate: (n,) rate [1/s] at which the person leaves or, back in time, has come.
         step: -1: before the node; 1: after it.
 
