@@ -18,7 +18,12 @@ SHARE = "share"
 
 
 class Word(NamedTuple):
-    """Vocabulary entry of a metric: key without target, sensor and unit, and its name."""
+    """Vocabulary entry of a metric: where it is shown, and its name in words.
+
+    `group`: title of its group; `base`: key without target, sensor and unit; `unit`: `length`, `squared length`,
+    `share`, `px` or `mrad`, empty: none; `note`: explanation; `short`: whether it is also shown for each target or
+    sensor.
+    """
 
     group: str
     base: str
@@ -261,7 +266,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Table with a figure per column, and a target, sensor or kind of box per row."""
+    """Table with a column for each figure, and a row for each target, sensor or kind of box; cells are text."""
 
     kind: str
     columns: tuple[str, ...]
@@ -282,7 +287,10 @@ Value = str | int | float | np.number | np.bool_ | None
 
 
 class MetricValue(NamedTuple):
-    """A metric value with its target or sensor."""
+    """A metric's value with its vocabulary entry.
+
+    `settled`: after the settling time; `kind`: `target`, `sensor`, `box` or empty (overall); `subject`: name of that.
+    """
 
     word: Word
     settled: bool
@@ -292,7 +300,7 @@ class MetricValue(NamedTuple):
 
 
 def number(value: Value) -> str:
-    """Format a number with about four digits and thousands separators; a dash for NaN and None."""
+    """Return a value as text: about four digits and thousands separators; a dash for NaN and None."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
     if isinstance(value, bool | np.bool_):
@@ -306,9 +314,10 @@ def number(value: Value) -> str:
 
 
 def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
-    """Group all metrics in the order of the vocabulary; unknown ones last, under their own names.
+    """Return all metrics in groups with titles, in the order of the vocabulary.
 
-    Accuracy without an error has counts alone: these are with the figures of many targets, or left out.
+    Unknown ones last, under their own names. If there are no errors of position, counts of the group "Accuracy" go to
+    the figures of many targets, or are left out.
     """
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {word.base + word.unit: n for n, word in enumerate(WORDS)}
@@ -328,9 +337,9 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
-    """Return the entries of nested mappings `values` with dotted paths that begin with `prefix`.
+    """Return the entries of nested mappings as a list of (path, value), with keys joined by dots after `prefix`.
 
-    Provenance (names that begin with `_`), the verdict and the kind of identities are left out.
+    Provenance (names that begin with `_`), the verdict, and the flag of independent identities are left out.
     """
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
@@ -382,7 +391,7 @@ def _unit(word: Word, length_unit: str) -> str:
 
 
 def _shown(metric: MetricValue) -> str:
-    """Format a value for people: shares in per cent, angles in degrees."""
+    """Return a metric's value as text in the unit for readers: shares in per cent, angles in degrees."""
     value = metric.value
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
         if metric.word.unit == SHARE:
