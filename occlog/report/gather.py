@@ -639,7 +639,7 @@ class _Reading:
         return errors is not None and tracks is not None and relabelled(matching_tracks(errors, tracks))
 
     def _read_selections(self) -> None:
-        """Read stated spreads at camera selections, and errors (only if tracks have the truth's identities)."""
+        """Read the actual errors at camera selections: spreads of tracks, and errors if identities are the truth's."""
         if self._selected is None:
             return
         selected, given = self._selected
@@ -699,7 +699,7 @@ class _Reading:
         self._figures["events"] = dict(counts)
 
     def _read_occluders(self) -> None:
-        """Read the occluder priors, at the time steps of the replay and at others."""
+        """Read the occluder priors: keep those at the time steps of the replay, or at every k-th of them."""
         given = self._open("occluders", Hulls, Occluders)
         if given is None:
             return
@@ -717,11 +717,14 @@ class _Reading:
 
     @property
     def _with_bearings(self) -> bool:
-        """Whether bearings are evidence about the tracks (not for people's tracks, as their labels are independent)."""
+        """Whether bearings are evidence about the tracks.
+
+        They are not for tracks of all people, since the labels of bearings are then no identities of tracks.
+        """
         return "bearings" in self._whole and self._whole["bearings"].rows > 0 and "people" not in self._figures
 
     def _read_bearings(self) -> None:
-        """Read the bearings, their residuals, and the lines of sight at the time steps."""
+        """Read the bearings: residuals and distances of all, and those that the replay draws as lines of sight."""
         stream: StreamedTable[Bearings] | None = self._open("bearings", Bearings)
         if stream is None:
             return
@@ -743,13 +746,16 @@ class _Reading:
         self._figures |= {"residuals": found.residuals, "sight": found.sight}
 
     def _targets(self) -> tuple[int, ...]:
-        """Return the sorted identities of the targets in tracks and errors."""
+        """Return the sorted identities of the targets in tracks and errors.
+
+        If tracks have their own identities, only those in the tracks.
+        """
         tables = ("tracks",) if self._relabelled else ("tracks", "errors")
         names = [np.unique(self._tables[name].target_id) for name in tables if name in self._tables]
         return tuple(int(i) for i in np.unique(np.concatenate(names))) if names else ()
 
     def _without(self) -> frozenset[int]:
-        """Return the targets that have no errors."""
+        """Return the targets without errors, for which tracks are compared with triangulated positions."""
         errors = self._tables.get("errors")
         if self._relabelled:
             return frozenset()
@@ -757,7 +763,7 @@ class _Reading:
 
 
 class _Drawn:
-    """Selects the values of the drawn rows from those of all rows."""
+    """Selects the values of drawn rows from a stream of values of all rows; `rows`: sorted row numbers (N,) to keep."""
 
     def __init__(self, rows: Ints) -> None:
         self._rows, self._count = rows, 0
@@ -775,7 +781,7 @@ class _Drawn:
 
 
 def _shown(truth: Truth) -> float:
-    """Share of true positions that the replay shows: objects other than targets only if they are few."""
+    """Return the share, 0 to 1, of the true positions that the replay shows: other objects only if they are few."""
     others = truth.role != "target"
     few = len(np.unique(truth.target_id[others])) <= MAX_MOVING
     return 1.0 if few or not len(truth) else 1.0 - float(others.mean())
