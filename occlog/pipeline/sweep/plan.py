@@ -57,14 +57,14 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
 
 
 class Setting(NamedTuple):
-    """One combination of the varied values, with its trials."""
+    """One combination of the varied values: these values by name, and the specification of a trial for each run."""
 
     label: dict[str, object]  # the varied values by name
     trials: tuple[dict[str, object], ...]  # one for each run
 
 
 def read_sweep(path: Path) -> SweepSpec:
-    """Read a sweep file; InputError names the line of a wrong entry, and the nearest key."""
+    """Read a sweep file; InputError names the line of a wrong entry, and the nearest valid key."""
     return read_yaml(path, SweepSpec, "a sweep file")
 
 
@@ -102,11 +102,11 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
 
 
 def _check_value(part: str, method: str, name: str, value: object) -> None:
-    """Check one value; UsageError if it is not allowed.
+    """Check one value of a trial; UsageError if it is not allowed.
 
     Args:
         part: part of a trial, for example `track`.
-        method: tracking method, for that part.
+        method: tracking method, if the part is `track`.
         name: of the setting.
         value: to check.
     """
@@ -134,7 +134,7 @@ def _check_priors(name: str, value: object) -> None:
 
 
 def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, str]:
-    """Return the position of a trial's value in the file: for messages, and as a key of `lines_of`.
+    """Return the location of a trial's value in the sweep file: for messages, and as a key of `lines_of`.
 
     Args:
         spec: content of the file.
@@ -150,14 +150,14 @@ def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, s
 
 
 def settings_of(path: Path, spec: SweepSpec) -> list[Setting]:
-    """Combine all varied values with their trials, in file order; the last name in `vary` varies fastest.
+    """Return all combinations of the varied values, in file order, with their trials; the last name varies fastest.
 
     Args:
-        path: the sweep file, next to the scene.
-        spec: what it states.
+        path: the sweep file, in the folder of the scene.
+        spec: its content.
 
     Raises:
-        InputError: a name that cannot vary, an empty list, too many trials, or cameras that are not there.
+        InputError: a name that cannot vary, an empty list, too many trials, or cameras that do not exist.
     """
     scene = read_configuration(path.parent / spec.scene, "a scene")
     try:
@@ -219,9 +219,11 @@ def _put(trial: dict[str, object], name: str, value: object) -> None:
 
 
 def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
-    """Return the names of the cameras in use; a number as `value` selects the first ones of the order.
+    """Return the names of the cameras in use; None: all cameras. InputError for an invalid value.
 
-    None: all cameras. InputError for other values.
+    Args:
+        value: names, a number (the first ones of `order` are used), or None.
+        order: names of cameras.
     """
     if value is None or (isinstance(value, list) and all(isinstance(name, str) for name in value)):
         return value
