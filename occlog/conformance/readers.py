@@ -30,7 +30,7 @@ SHARES, LAST = (0.9, 0.5, 0.1), range(1, 9)
 
 
 def checks_with(sample: Path) -> dict[str, Check]:
-    """The checks of readers, with a sample of their files."""
+    """Return the checks of readers, by name; each takes the reader class and reads the file `sample` with it."""
 
     def read(of: Any, path: Path = sample) -> Columns:
         with called("read"):
@@ -44,7 +44,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
         return as_text({name: np.asarray(values) for name, values in read(of, path).items()})
 
     def check_endings(of: Any) -> None:
-        """Check that endings begin with a point, are in lower case, and the sample has one of them."""
+        """Check that file endings begin with a point and are in lower case, and that the sample has one of them."""
         endings = of.endings
         if not isinstance(endings, tuple) or not endings:
             raise BrokenError("endings must be a tuple of texts, as ('.xyz',)")
@@ -66,9 +66,10 @@ def checks_with(sample: Path) -> dict[str, Check]:
 
     @contextmanager
     def laid_out(of: Any) -> Iterator[ExternalTable]:
-        """Context manager: yield the columns read from the sample as the table that the reader class `of` states.
+        """Context manager that gives the columns read from the sample as an external table of the stated kind.
 
-        BrokenError if there are no such columns or rows.
+        Raises:
+            BrokenError: the columns or rows do not fit that table.
         """
         found = text(of)
         with TemporaryDirectory() as other:
@@ -82,13 +83,13 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
 
     def check_fits(of: Any) -> None:
-        """Check that the columns read from the sample make the table that the reader states."""
+        """Check that the columns read from the sample fit the table that the reader states, row by row."""
         if of.table in TABLES:
             with laid_out(of) as table:
                 list(table.rows(TABLES[of.table]))
 
     def check_used(of: Any) -> None:
-        """Check that the reader returns no column that its table does not have."""
+        """Check that every column which the reader returns belongs to the table that it states."""
         if of.table in TABLES:
             with laid_out(of) as table:
                 used = {spelled.name for spelled in table.layout.columns}
@@ -97,7 +98,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError(f"column {left[0]} is none of {of.table}; leave it out, or name it as the table does")
 
     def check_place(of: Any) -> None:
-        """Check that the result does not depend on name and folder of the file."""
+        """Check that what is read does not depend on the name and folder of the file."""
         with TemporaryDirectory() as other:
             path = Path(other) / f"ein Ort, naïve'{sample.suffix}"
             shutil.copy(sample, path)
@@ -105,7 +106,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
                 raise BrokenError("a copy of the file with another name is read differently")
 
     def check_unchanged(of: Any) -> None:
-        """Check that `read` leaves the file unchanged, and creates no other in its folder."""
+        """Check that `read` leaves the file unchanged, and creates no other file next to it."""
         with TemporaryDirectory() as other:
             path = Path(other) / sample.name
             shutil.copy(sample, path)
@@ -184,7 +185,7 @@ def checks_with(sample: Path) -> dict[str, Check]:
             damaged(of, "a file with a wrong byte", bytes(broken))
 
     def check_size(of: Any) -> None:
-        """Check that a file with its content twice is refused, or gives more rows."""
+        """Check that a file which holds the content of the sample twice is refused, or read to valid columns."""
         damaged(of, "a file with repeated content", 2 * sample.read_bytes())
 
     own: dict[str, Callable[[Any], None]] = {
