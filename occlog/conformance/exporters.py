@@ -50,7 +50,7 @@ def write(of: Any, rows: ColumnTable, what: str, *, unit: str = "m", own: Any = 
 
 
 def use(of: Any) -> list[bytes]:
-    """Return the bytes that a new exporter writes for each sample table that it takes."""
+    """Return the bytes that new exporters of class `of` write for each sample table of a kind they can write."""
     return [write(of, rows, f"writing {rows.NAME}") for rows in taken(of)]
 
 
