@@ -212,7 +212,7 @@ def request_of(form: Form, values: Mapping[str, Any], settings: Iterable[str] = 
 def _param(entry: RequestEntry, verb: Verb | None = None) -> click.Parameter:
     """Return the click option or argument of one field of a request.
 
-    `verb`: command with several kinds of requests, whose names a shell completes for the option that chooses one.
+    `verb`: command with several kinds of requests; for the option that chooses a kind, shells complete their names.
     """
     of = entry.file
     if (plugged := entry.plugged) is not None:

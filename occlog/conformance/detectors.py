@@ -74,10 +74,10 @@ def use(of: Any) -> list[tuple[bytes, ...]]:
 
 
 def _refuse(of: Any, *starts: str, rest: bool = False) -> None:
-    """Raise BrokenError if the detections in four frames have a fault whose text begins with one of `starts`.
+    """Raise BrokenError if the detections in four frames have a fault, the text of which begins with one of `starts`.
 
-    With `rest` it is raised for a fault whose text begins with none of them. A detector that raises an error passes
-    here, since other checks report that.
+    With `rest` it is raised for a fault, the text of which begins with none of them. A detector that raises an error
+    passes here, since other checks report that.
     """
     try:
         own = start(of)

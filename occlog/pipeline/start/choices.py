@@ -114,9 +114,9 @@ class Choices:
         return shown(path, self.sources)
 
     def only(self, items: Sequence[Item], what: str) -> Item:
-        """Return one of some items, preferably one whose kind the user states; the others are dropped, with a line.
+        """Return one of several items, preferably one of a kind that the user states.
 
-        `what`: noun for the items in the line.
+        The others are dropped, each with a line. `what`: noun for the items in the line.
         """
         first, *others = sorted(items, key=lambda item: not item.stated)
         for other in others:
