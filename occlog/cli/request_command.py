@@ -33,7 +33,7 @@ def command_of(verb: type[Request] | Verb | Verbs, name: str, short_help: str) -
 
     Args:
         verb: request class; or several of them, chosen by an option (`Verb`) or as subcommands (`Verbs`).
-        name: of the command.
+        name: name of the command.
         short_help: its line in the list of commands.
     """
     if isinstance(verb, Verbs):

@@ -508,7 +508,7 @@ class PluggedCommand(SettingsCommand):
 
     Args:
         flag: the option.
-        kind: of the plug-ins.
+        kind: kind of the plug-ins.
         ours: values of the option that name no plug-in.
     """
 
@@ -559,8 +559,8 @@ def wanted(name: str, kind: str, flag: str, ours: Collection[str] = ()) -> Plugi
     """Return the plug-in of a name and kind; UsageError, with the most similar name, if missing.
 
     Args:
-        name: of the plug-in.
-        kind: of the plug-in, for example `filter`.
+        name: name of the plug-in.
+        kind: kind of the plug-in, for example `filter`.
         flag: option that named it, for the message.
         ours: names of occlog itself that the option takes, for the suggestion.
     """

@@ -59,7 +59,13 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Threshold:
-    """Condition of failure such as `rmse>0.5`: it is met if the comparison is true or undecidable (NaN, missing)."""
+    """Condition of failure such as `rmse>0.5`: it is met if the comparison is true or undecidable (NaN, missing).
+
+    Attributes:
+        metric: name of the figure.
+        operator: comparison, for example `>`.
+        limit: number that the figure is compared with.
+    """
 
     metric: str
     operator: str
@@ -380,7 +386,7 @@ def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[s
     Args:
         each: figures of each recording by name.
         combined: figures over all.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     rows = {**each, "all": combined}
     flat = {f"{key}_recording_{name}": value for name, row in rows.items() for key, value in row.items()}
@@ -397,8 +403,8 @@ def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[s
 def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
     """Return the figures as lines of text: a group for each topic, then tables of targets and sensors.
 
-    Only groups and columns with figures are shown. `unit`: of lengths. Errors of smoothed tracks (`tracks_smoothed`)
-    are compared with the smoothing bound.
+    Only groups and columns with figures are shown. `unit`: unit of lengths. Errors of smoothed tracks
+    (`tracks_smoothed`) are compared with the smoothing bound.
     """
     lines: list[str] = []
     own = headline.independent_ids(metrics)
@@ -445,7 +451,7 @@ def number(value: float) -> str:
 def _keys(entries: Iterable[Entry], suffix: str, unit: str) -> Iterator[tuple[str, str, str]]:
     """Generate full name, label and unit of each entry of a table of figures (name, label, unit).
 
-    `suffix` follows the name; `unit`: of lengths, replaces `length`.
+    `suffix` follows the name; `unit`: unit of lengths, replaces `length`.
     """
     for name, label, of in entries:
         of = unit if of == "length" else of
@@ -459,7 +465,7 @@ def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], un
         metrics: figures by full name.
         kind: `target` or `sensor`.
         columns: columns of the table (name, label, unit).
-        unit: of lengths.
+        unit: unit of lengths.
     """
     found: dict[str, None] = {}
     for pattern, _, _ in _keys(columns, f"_{kind}_\0", unit):

@@ -75,8 +75,11 @@ class EvaluatedRecording(NamedTuple):
 class MultiRecordingFigures(NamedTuple):
     """Figures of several recordings.
 
-    `each`: by recording, then by figure; `combined`: of all together; `unit`: of lengths; `losses`, `verdicts`: data
-    losses and consistency verdicts of the inputs.
+    Attributes:
+        each: value by recording, then by figure.
+        combined: figures of all recordings together.
+        unit: unit of lengths.
+        losses, verdicts: data losses and consistency verdicts of the inputs.
     """
 
     each: dict[str, dict[str, float]]
@@ -257,7 +260,7 @@ def _lines(summary: Mapping[str, object], as_json: bool, first: Iterable[str] = 
 
 
 def _shown(result: Evaluation, unit: str, as_json: bool) -> str:
-    """Return the figures as text, or as one JSON object if `as_json`; `unit`: of lengths."""
+    """Return the figures as text, or as one JSON object if `as_json`; `unit`: unit of lengths."""
     if as_json:
         first = headline.first_of(result.metrics) if headline.independent_ids(result.metrics) else ()
         return _lines(without_per_target(result.figures), True, first)
@@ -351,7 +354,7 @@ def _parameters(
         request: labels and plug-ins.
         config: settings of the evaluation.
         many: settings of the multi-target figures; None: there are none.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     out = asdict(config) | ({"doa_labels": True} if request.doa_labels else {})
     out |= {} if many is None else {"multi_target": asdict(many)}

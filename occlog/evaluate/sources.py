@@ -65,14 +65,14 @@ class EvaluationSources:
     Attributes:
         tracks: estimates.
         truth: true positions.
-        bearings: of all sensors.
+        bearings: bearings of all sensors.
         diagnostics: filter diagnostics of the tracks.
         measured: distance measurements.
         views: silhouettes from clusters or a detector, to be compared with true boxes.
         truth_boxes: true boxes.
         cooperation: requests to cameras.
         boxes: detections of all people, among them those of held-out cameras.
-        made: how the tracks were made.
+        made: provenance of the tracks: method, smoothing, length of a scan.
         frames: first frame that is evaluated, and the one after the last; None: all.
     """
 

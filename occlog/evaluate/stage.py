@@ -89,8 +89,7 @@ class CooperationCounts:
 
         Args:
             tracked: first and last time of the tracks [ns]; the period is the time between them over the number of
-                times at
-                which cameras were asked. None, without tracks: the mean interval of these times.
+                times at which cameras were asked. None, without tracks: the mean interval of these times.
 
         Returns:
             `cooperation_requests` (one for each target and time), `cooperation_answered`, `cooperation_shared` (rows of
@@ -139,13 +138,13 @@ def evaluate(
     Args:
         tracks: estimates.
         truth: true positions.
-        bearings: of all sensors.
+        bearings: bearings of all sensors.
         scene: the sensors; its unit of lengths ends the names of figures (`rmse_m`).
         config: settings; None: defaults.
-        views: to be compared with `truth_boxes`.
+        views: silhouettes to compare with `truth_boxes`.
         truth_boxes: true boxes.
         cooperation: requests to cameras.
-        made: how the tracks were made; None: not known.
+        made: provenance of the tracks; None: unknown.
         boxes: detections of all people, to be predicted in cameras that are held out.
         measured: distance measurements, which count in the bound, with their settings and a fitted path loss.
         many: settings of the figures of many targets; None: these are skipped.
@@ -194,8 +193,7 @@ class Evaluator:
 
         Raises:
             InputError: a sensor is held out, and there are no tracks, or neither bearings nor boxes; the truth has
-                rows, and
-                none of a target.
+                rows, and none of a target.
         """
         if config.held_out and (sources.tracks is None or (sources.bearings is None and sources.boxes is None)):
             raise InputError(
@@ -430,7 +428,7 @@ def full_name(plugin: str, figure: str, unit: str, length_unit: str) -> str:
     Args:
         plugin: name of the plug-in.
         figure: name of the figure in the plug-in.
-        unit: of the figure; the word `length` in it is replaced.
+        unit: unit of the figure; the word `length` in it is replaced.
         length_unit: unit of lengths of the scene.
     """
     of = unit.replace("length", length_unit)
@@ -477,9 +475,9 @@ def with_plugins(
     Args:
         result: the evaluation.
         plugged: chosen metric plug-ins.
-        tracks: of the evaluation.
-        truth: of the evaluation.
-        length_unit: of both.
+        tracks: evaluated tracks.
+        truth: truth that they were compared with.
+        length_unit: unit of lengths in both tables.
 
     Raises:
         PluginError: a plug-in fails or returns invalid values.

@@ -113,7 +113,7 @@ def checks_with_truth(
 
     Args:
         found: statistics of the tracks and their bearings.
-        made: how the tracks were made.
+        made: provenance of the tracks.
         against: statistics of their errors.
         unknown: whether the covariance of some estimate is not known.
         metrics: figures of the evaluation by name.
@@ -337,7 +337,7 @@ class SightEvidence:
         Args:
             evidence: receives the statistics, in place.
             scene: the sensors.
-            made: how the tracks were made.
+            made: provenance of the tracks.
             held_out: names of sensors that the tracks were made without.
             in_memory: how many distances of all cameras are kept in memory.
         """

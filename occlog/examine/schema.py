@@ -175,8 +175,8 @@ def _of_plugin(name: str, names: Sequence[str]) -> dict[str, object]:
     UsageError if there is none.
 
     Args:
-        name: of the plug-in.
-        names: of occlog's schemas, for a hint in the error.
+        name: name of the plug-in.
+        names: names of occlog's schemas, for a hint in the error.
     """
     from occlog.plugins.loading import installed
     from occlog.settings import json_schema

@@ -50,7 +50,12 @@ def template(name: str, package: str = "occlog.report", folder: str = "templates
 
 
 class PageScript(NamedTuple):
-    """A script of a page, with the SHA-256 for its Content Security Policy."""
+    """A script of a page.
+
+    Attributes:
+        text: the script.
+        digest: its SHA-256, for the page's Content Security Policy.
+    """
 
     text: Markup
     digest: str
@@ -285,7 +290,14 @@ def _numbers(value: str) -> str:
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure of the page: SVG, heading, description, and position of its time axis."""
+    """A figure of the page.
+
+    Attributes:
+        heading: heading of the figure.
+        svg: the drawing.
+        caption: description of what it shows.
+        time: position of its time axis; None: it has none.
+    """
 
     heading: str
     svg: Markup
@@ -310,7 +322,7 @@ def plot(name: str, heading: str, caption: str, size: tuple[float, float], draw:
 
     Args:
         name: prefix of ids in the page.
-        heading: of the figure.
+        heading: heading of the figure.
         caption: description in words.
         size: width and height [inches].
         draw: draws into an empty figure.

@@ -144,10 +144,10 @@ class BearingReference:
 
     Attributes:
         tracks: returns an iterator over all estimates, at each call.
-        diagnostics: likewise, one row of diagnostics for each estimate; None: unknown.
+        diagnostics: returns an iterator over diagnostics at each call, one row for each estimate; None: unknown.
         posts: estimates next to wide gaps.
         evidence: receives what bearings say for and against the tracks.
-        made: how the tracks were made.
+        made: provenance of the tracks.
         without: targets without known errors, which get distances from triangulated positions.
     """
 
@@ -168,7 +168,7 @@ class ThinnedBearings:
         whole: number and times of all rows.
         coverage: which sensor detected which target when.
         every: every k-th time step of the replay shows its bearings.
-        residuals: of each track, by identity.
+        residuals: residuals of each track, by identity.
         sight: distances from triangulated positions of each track without known errors.
     """
 
@@ -326,7 +326,7 @@ class ReportFigures:
         people: statistics of all people; None: tracks are not of all people.
         filter_diagnostics: summary of all diagnostics.
         deviation: median standard deviation of a position.
-        selections: of each target for which cameras were selected.
+        selections: how often each camera was selected, by target.
         events: number of track events of each kind.
         judged: consistency checks of the tracks; None: none.
     """
@@ -478,8 +478,8 @@ def gather(
 
     Args:
         given: opens a table by name.
-        made: how the tracks were made.
-        scene: of the run.
+        made: provenance of the tracks.
+        scene: scene of the run.
         metrics: figures of the evaluation by name.
         whole: names of tables that are drawn whole, however long they are.
         in_images: whether tracks are in images, with positions in pixels.
@@ -540,7 +540,7 @@ class _Reading:
         """Downsample a table, keep it under `name`, and return it.
 
         Args:
-            name: of the table.
+            name: name of the table.
             given: the table.
             chunks: its rows, if they are also processed elsewhere on the way; None: they are read here.
             ends: keep first and last row of each target.

@@ -201,8 +201,14 @@ MAX_LIVES, MAX_SWITCHES = 300, 100
 class LifeRow(NamedTuple):
     """Row of the table of tracks in images.
 
-    Identity, cameras, begin and end [s since the start], duration, number of rows, predicted share [%], switches, as
-    text.
+    Attributes:
+        target: identity of the track.
+        cameras: names of the cameras.
+        begin, end: first and last time [s since the start].
+        length: duration, as text.
+        rows: number of rows, as text.
+        predicted: predicted share [%], as text.
+        switches: identity switches, as text.
     """
 
     target: int
@@ -216,7 +222,14 @@ class LifeRow(NamedTuple):
 
 
 class SwitchRow(NamedTuple):
-    """Row of the table of possible identity switches: time [s since the start], target, other target, probability."""
+    """Row of the table of possible identity switches.
+
+    Attributes:
+        seconds: time [s since the start].
+        target: identity of the track.
+        other: identity of the track with which it may be exchanged, or words for a person without a track.
+        probability: probability of the switch, as text.
+    """
 
     seconds: float
     target: int

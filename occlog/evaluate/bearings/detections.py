@@ -38,10 +38,21 @@ Metrics = dict[str, float]
 class DetectionCounts:
     """Counts and sums over one sensor's frames with known true positions; counts of several sensors may be added.
 
-    An opportunity is a pair of a frame and a target (`n_frames`); `visible` of them have the target in view and not
-    occluded, `detected` of these have a bearing within the gate. `n_px`, `sum_px`, `square_px`: number, sum and sum of
-    squares of the residuals [px] of visible targets within the gate; `square_rad` of those in rad; `square_normalised`
-    of those over their standard deviations; `n_elevation` and the last two likewise for elevations [rad].
+    Attributes:
+        frames: number of frames of the sensor.
+        n_frames: number of pairs of a frame and a target.
+        visible: pairs in which the target is in view and not occluded.
+        detected: of these, pairs with a bearing within the gate.
+        detected_hidden: pairs with a bearing within the gate although the target is out of view or occluded.
+        false_alarms: bearings of no true object, or of a target but outside its gate.
+        correct_rejections: pairs in which the target is hidden and nothing is reported.
+        without_truth: pairs with unknown true position; they are in no other count.
+        n_px, sum_px, square_px: number, sum and sum of squares of the residuals [px] of visible targets within the
+            gate.
+        square_rad: sum of squares of these residuals in rad.
+        square_normalised: sum of squares of these residuals over their standard deviations.
+        n_elevation: number of elevations of visible targets within the gate.
+        square_elevation, square_elevation_normalised: sums of squares of their residuals, in rad and normalised.
     """
 
     frames: int = 0  # of a sensor
@@ -223,7 +234,7 @@ def match_frame(views: Views, truth: TruthBoxes, min_overlap: float) -> FrameRes
     """Pair the views (silhouettes) of one frame one to one with its true boxes, as many as overlap enough.
 
     Args:
-        views: of one camera and frame.
+        views: silhouettes in one frame of one camera.
         truth: true boxes of that frame; rows without a box are skipped.
         min_overlap: minimum intersection over union of a pair, 0 to 1.
 
@@ -367,7 +378,13 @@ class _Results:
 
 
 class Pairing(NamedTuple):
-    """Set of directions paired with the true directions of its time: numbers of both, and errors of the pairs."""
+    """Result of pairing the directions of one time with the true ones.
+
+    Attributes:
+        true: number of true directions.
+        found: number of reported directions.
+        errors: (k,) reported minus true direction of each pair [rad], wrapped.
+    """
 
     true: int  # number of true directions
     found: int

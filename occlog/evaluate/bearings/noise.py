@@ -224,7 +224,12 @@ def noise_scale_of_many(
 
 
 class NoiseFit(NamedTuple):
-    """Local maximum of the likelihood of a mixture: variance factor, and log-likelihood."""
+    """Local maximum of the likelihood of a mixture of measurement errors.
+
+    Attributes:
+        scale2: factor of the stated variances.
+        log_likelihood: logarithm of the likelihood at the maximum.
+    """
 
     scale2: float
     log_likelihood: float

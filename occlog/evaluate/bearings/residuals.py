@@ -120,7 +120,7 @@ class TriangulationFigures:
         """Triangulate further scans of a target, and compare them with its track.
 
         Args:
-            scans: of the target.
+            scans: scans of the target.
             sensors: by name.
             path: the track, at least around the scans; None: the target has no track.
         """

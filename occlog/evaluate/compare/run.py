@@ -209,7 +209,7 @@ def compare_runs(
         figures: names of the metrics; empty: all.
         conditions: what makes the comparison fail.
         match_distance: gate of a match of track and target, in the unit of the tracks; None: 1 m.
-        seed: of the random draws.
+        seed: seed of the random draws.
     """
     for name in figures:
         if name not in FIGURES:
@@ -275,7 +275,7 @@ def _sums(run: ComparedRun, first: ComparedRun, limit: float, unit: str) -> Floa
         run: tracks and truth.
         first: run of the first method on the same recording; InputError unless its truth is equal.
         limit: largest distance of a pair, in `unit`.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     tracks, truth = open_in_unit(run.tracks, unit).read(Tracks), open_in_unit(run.truth, unit).read(Truth)
     if run.truth != first.truth and not _same(truth, open_in_unit(first.truth, unit).read(Truth)):

@@ -64,7 +64,7 @@ class MetricComparison:
         rows: one comparison for each method and metric.
         recordings: their names.
         frames: number of true frames of all recordings.
-        unit: of lengths.
+        unit: unit of lengths.
         failed: one sentence for each condition of failure that is met.
         losses: data losses when tracks and truths were made.
         implausible: tracks that a stage found implausible.

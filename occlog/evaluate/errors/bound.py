@@ -139,7 +139,7 @@ class BoundSums:
         """Return RMS values of the bounds of filtering and smoothing by name.
 
         Args:
-            unit: of lengths, part of the names.
+            unit: unit of lengths, part of the names.
             suffix: part of the names, before the unit.
             with_errors: whether to add the ratios of the RMSE of the estimates to the bounds.
         """
@@ -182,7 +182,7 @@ class Bounds:
             scene: room (for the prior) and unit of length.
             config: motion, prior, dimensions.
             high: identities of the targets with a true height at some time.
-            ways: for which dimensions information is buffered.
+            ways: dimensions (ground plane, space) in which the information of measurements is buffered.
             block: number of records that are processed at once.
         """
         self._scene, self._config, self._high, self._ways = scene, config, high, ways
@@ -258,7 +258,7 @@ class Bounds:
             target: its identity.
             observations: by sensor, of all targets.
             sensors: by name.
-            errors: of the target's estimates.
+            errors: errors of the target's estimates.
             late: (n,) mask of those after the settling time.
             path: true positions of the target.
             measured: distances to stations; None: there are none.

@@ -192,7 +192,7 @@ def information_of(
 
     Args:
         times: (T,) rising times [ns], among them those of all observations.
-        observations: of the target, by sensor.
+        observations: observations of the target, by sensor.
         sensors: by name.
         d: 2 on the ground, 3 in space.
     """
@@ -221,7 +221,7 @@ def add_distances(
         information: (T, 2, 2) at each time; changed.
         n_seen: (T,) numbers of measurements; increased.
         times: (T,) rising times [ns], among them those of the measurements.
-        measured: of all targets.
+        measured: measurements of all targets.
         target: identity of the target.
         path: its true positions; measurements at times without one are skipped.
         config: largest gap that is interpolated.

@@ -117,7 +117,7 @@ class DelaySums:
     def checks(self, unit: str) -> tuple[Check, ...]:
         """Return the check of the delay, with a warning if it is significant and explains enough of the errors.
 
-        `unit`: of lengths, for the message.
+        `unit`: unit of lengths, for the message.
         """
         found = self.estimate()
         if found is None:
@@ -446,7 +446,7 @@ class TruthAlignment:
         Args:
             sources: returns chunks of tracks and of truth, in the order of time; called only if they disagree.
             gate: largest distance of positions that agree.
-            unit: of lengths.
+            unit: unit of lengths.
         """
         self._sources, self._gate, self._unit = sources, gate, unit
         self._delay = DelaySums()

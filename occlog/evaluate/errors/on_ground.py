@@ -258,7 +258,7 @@ class TrackErrors:
             known: identities and times of all tracks and targets.
             pairs: target of each track, by identity.
             config: limits in time, settling time.
-            unit: of lengths.
+            unit: unit of lengths.
             in_memory: how many distances are kept in memory; more go to a temporary file.
         """
         self._known, self._pairs, self._config = known, pairs, config

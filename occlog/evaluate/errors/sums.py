@@ -187,7 +187,7 @@ class ErrorFigures:
         """Start without errors.
 
         Args:
-            unit: of lengths, which ends the names of figures.
+            unit: unit of lengths, which ends the names of figures.
             in_memory: how many distances are kept in memory; more go to a file without a name.
         """
         self.rows = 0

@@ -247,6 +247,24 @@ class SensorObservations:
     """N observations of one sensor: each is a frame with one true target, and its reported bearing, if any.
 
     All columns have N entries; residuals, noise and elevations are NaN where nothing was reported.
+
+    Attributes:
+        t_ns: time of the frame [ns].
+        target: identity of the true target.
+        truth: whether the true position at that time is known.
+        xy: (N, 2) true position, interpolated over gaps of any width and constant beyond the ends of the path.
+        z: true height; NaN if the truth has none.
+        reported: whether a bearing was reported (for candidates: one was paired with the target).
+        hit: whether that bearing is within the gate.
+        visible: whether the target is in view and not occluded.
+        in_view: whether the target is in the field of view, occluded or not.
+        residual_px: reported minus true image coordinate u [px]; cameras only.
+        residual: reported minus true azimuth [rad].
+        normalised: residual over its standard deviation (for cameras by Eq. 2).
+        sigma_px, sigma: standard deviations of the bearing [px] and [rad].
+        elevation, sigma_elevation: reported elevation and its standard deviation [rad].
+        residual_elevation: reported minus true elevation, about the sensor's own axes [rad].
+        normalised_elevation: that residual over its standard deviation.
     """
 
     t_ns: Ints

@@ -122,8 +122,7 @@ class TruthOutlines:
         Args:
             near: all rows of the truth between both limits.
             limits: begin and end (excluded) [ns]; at least `NEAR_NS` and the widest interpolated gap around the times
-                at which
-                positions are needed.
+                at which positions are needed.
             role: `target` or `occluder`.
             gaps_ns: widest gap that is interpolated [ns], by identity.
         """

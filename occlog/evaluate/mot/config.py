@@ -222,7 +222,7 @@ def many_config(unit: str, own: str, given: Mapping[str, object]) -> tuple[Multi
     """Return the settings of multi-target figures on the ground; or None, and the reason (a note) why there are none.
 
     Args:
-        unit: of lengths; of an unknown unit a match distance must be given.
+        unit: unit of lengths; of an unknown unit a match distance must be given.
         own: default of `assigned_target`.
         given: settings of the user by name.
     """

@@ -38,8 +38,7 @@ class MotFigures:
 
         Args:
             frames: any part, which has the keys of all targets and tracks, and the distance limit of points; points
-                match from
-                a similarity of 0.5 on, boxes from the IoU `match_iou` on.
+                match from a similarity of 0.5 on, boxes from the IoU `match_iou` on.
             config: limits and rules of the figures.
         """
         targets, tracks = len(frames.truth_key), len(frames.track_key)
@@ -78,7 +77,7 @@ class MotFigures:
         Args:
             cells: number of frames of all views, empty ones included, over which GOSPA is averaged.
             suffix: suffix of the names, such as `_sensor_NAME`.
-            unit: of the distance; empty: it is 1 - IoU.
+            unit: unit of the distance; empty: it is 1 - IoU.
         """
         out = _clear(self._clear.result(), suffix, unit) | _identity(self.identity.result(), suffix)
         named = {"hota": "hota", "det_a": "deta", "ass_a": "assa", "loc_a": "loca"}
@@ -133,8 +132,8 @@ class GospaFigures:
 
         Args:
             cells: number of frames of all views.
-            suffix: of the names of the figures.
-            unit: of distances; empty: distances are 1 - IoU.
+            suffix: suffix of the names of the figures.
+            unit: unit of distances; empty: distances are 1 - IoU.
         """
         means = self._sums.means(max(cells, 1))
         end = f"{suffix}_{unit}" if unit else suffix
@@ -187,7 +186,7 @@ class FailureCounts:
     def result(self, suffix: str = "") -> Metrics:
         """Return the rates of position and label failures over all true rows, FR_p and FR_l [Qu], and their numbers.
 
-        `suffix`: of the names.
+        `suffix`: suffix of the names.
         """
         return {
             f"fr_p{suffix}": ratio_or_nan(self._position, self._total),
@@ -206,7 +205,10 @@ MIN_MATCHED_SHARE = 0.5
 
 
 def independent_ids(metrics: Mapping[str, object]) -> bool:
-    """Return whether the figures are of tracks with their own identities, so that per-frame pairs are to come first."""
+    """Return whether the figures are of tracks with identities of their own, unrelated to those of the targets.
+
+    Figures of pairs matched in each frame are then more important than those by identity.
+    """
     return metrics.get(INDEPENDENT_IDS) == 1.0
 
 
@@ -220,21 +222,21 @@ def first_of(metrics: Mapping[str, object]) -> dict[str, object]:
 def names(unit: str) -> tuple[str, ...]:
     """Return the names of the headline figures of tracks with their own identities.
 
-    `unit`: of lengths, part of names.
+    `unit`: unit of lengths, part of names.
     """
     pairs = (f"matched_rmse_{unit}", "matched_nees_mean", "matched_nees_share_95", f"matched_gate_{unit}")
     return ("hota", "idf1", "mota", "id_switches", *pairs)
 
 
 def first(metrics: Mapping[str, float], unit: str) -> dict[str, float]:
-    """Return all figures, reordered so that the headline figures come first; `unit`: of lengths, part of names."""
+    """Return all figures, reordered so that the headline figures come first; `unit`: unit of lengths, part of names."""
     return {name: metrics[name] for name in names(unit) if name in metrics} | dict(metrics)
 
 
 def matchings_differ(metrics: Mapping[str, float], unit: str) -> bool:
     """Return whether the RMSE of whole-run pairs exceeds that of per-frame pairs by more than `MIN_RMSE_RATIO`.
 
-    `unit`: of lengths, part of the names in `metrics`.
+    `unit`: unit of lengths, part of the names in `metrics`.
     """
     whole, pairs = metrics.get(f"rmse_{unit}", math.nan), metrics.get(f"matched_rmse_{unit}", math.nan)
     return whole > MIN_RMSE_RATIO * pairs
@@ -245,7 +247,7 @@ def notes(metrics: Mapping[str, float], unit: str, match: str) -> tuple[str, ...
 
     Args:
         metrics: all figures by name.
-        unit: of lengths.
+        unit: unit of lengths.
         match: how tracks are paired with targets over the whole run, `id` or `optimal`.
     """
     if not matchings_differ(metrics, unit):

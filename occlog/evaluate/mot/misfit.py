@@ -73,7 +73,12 @@ class SampledBoxes(NamedTuple):
 
 
 class BoxChange(NamedTuple):
-    """A correction of the tracks' boxes: description, and F1 score, 0 to 1, of boxes that then fit the truth."""
+    """A correction of the tracks' boxes that makes them fit the true boxes better.
+
+    Attributes:
+        words: description of the correction.
+        fit: F1 score, 0 to 1, of the corrected boxes against the true ones.
+    """
 
     words: str
     fit: float

@@ -55,7 +55,7 @@ def evaluate_ground(
         truth: rows of role `target` are used.
         config: options; `match_distance` is both the gate of a match and the distance limit tau of failures.
         limit_ns: widest gap of the truth that is interpolated [ns]; None: by the usual interval of its rows.
-        unit: of lengths.
+        unit: unit of lengths.
 
     Raises:
         InputError: no distance is given, or the truth has rows, but no target.
@@ -121,7 +121,7 @@ class GroundFigures:
             tracks: all identities of tracks, rising.
             frames: number of all frames.
             config: options, with a match distance.
-            unit: of lengths.
+            unit: unit of lengths.
             in_memory: how many distances are kept in memory; more go to a temporary file.
 
         Raises:
@@ -160,7 +160,7 @@ class GroundFigures:
     def of(cls, known: EvaluationSurvey, config: MultiTargetConfig, unit: str) -> GroundFigures:
         """Create the figures for the identities and frames that a first pass (`known`) has found.
 
-        `unit`: of lengths.
+        `unit`: unit of lengths.
         """
         targets, tracks = (np.array(list(each), dtype=np.int64) for each in (known.targets, known.tracks))
         return cls(targets, tracks, known.frames, config, unit)
@@ -248,7 +248,7 @@ class GroundFigures:
     def _trajectory(self, cells: int, unit: str) -> Metrics:
         """Return OSPA(2), and the trajectory GOSPA averaged over `cells` frames, with their parts, by name.
 
-        `unit`: of lengths, in the names.
+        `unit`: unit of lengths, in the names.
         """
         whole = self._ospa2.result()
         out: Metrics = {
@@ -275,7 +275,7 @@ class PairErrors:
     """
 
     def __init__(self, unit: str, in_memory: int = NUMBERS_IN_MEMORY) -> None:
-        """Create sums without pairs; `unit`: of lengths, `in_memory`: number of distances that stay in memory."""
+        """Create sums without pairs; `unit`: unit of lengths, `in_memory`: number of distances that stay in memory."""
         self._unit = unit
         self._distances, self._squares = Spread(in_memory), Sum()
         self._nees, self._pairs = Consistency(CHI2_95_2D), 0
@@ -426,7 +426,7 @@ def points_in_true_frames(
         times: (F,) rising frame times [ns].
         config: largest match distance and gap of tracks.
         limit_ns: widest gap of the truth that is interpolated [ns]; None: that of each path.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     targets = paths_of(truth, "target")
     if len(truth) and not targets:
@@ -452,7 +452,7 @@ def places_of(
         begin: number of the first frame.
         config: largest match distance and gap of tracks.
         limit_ns: widest gap of true paths that is interpolated [ns]; None: that of each path.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     left = _points(targets, times, limit_ns)
     right = _points(tracks, times, config.gap_ns(limit_ns))

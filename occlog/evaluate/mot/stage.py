@@ -54,10 +54,8 @@ def assigned_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, h
         tau: (n,) distance within which a track is on the true row.
         t_ns: (m,) time of each row of the tracks [ns].
         how: `id`: the target of the same identity; `start`: the first target that the track is on, in any view, of
-            several
-            at that time the nearest in terms of tau; `optimal`: by the one-to-one assignment over all views in which
-                most
-            estimates are on their own target.
+            several at that time the nearest in terms of tau; `optimal`: by the one-to-one assignment over all views in
+            which most estimates are on their own target.
     """
     found = AssignedTargets(how)
     found.update(truth, tracks, tau, t_ns)
@@ -130,8 +128,15 @@ def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
 class PointTracks(NamedTuple):
     """Truth and tracks as points in common frames, with distance limits, for failure rates.
 
-    `tau`: (n,) distance limit of each true row; `views`: names of the cameras; `t_ns`, `number`: for each view times
-    [ns] and numbers of its frames; `visible`: (n,) visible share of each true row, NaN: unknown; `unit`: of distances.
+    Attributes:
+        truth: true positions, n rows.
+        tracks: estimated positions.
+        tau: (n,) largest distance of a tracker that is on the target of a true row.
+        views: names of the cameras.
+        t_ns: for each view the times of its frames [ns].
+        number: for each view the numbers of its frames.
+        visible: (n,) visible share of each true row, 0 to 1; NaN: unknown.
+        unit: unit of distances.
     """
 
     truth: Objects
@@ -285,7 +290,7 @@ class _ImageFigures:
 def _across_views(truth: Objects, tracks: Objects, labels: Sequence[Ints]) -> MatchedFrames:
     """Return truth and tracks of all views with identities common to the views, as for several cameras of one scene.
 
-    Each view's frames stay separate. `labels`: all identities of truth and of tracks.
+    Frames of different views remain different frames. `labels`: all identities of the truth and of the tracks, sorted.
     """
     sides = []
     for side in (truth, tracks):
@@ -368,7 +373,7 @@ def unrelated_ids_note(ours: Ints, theirs: Ints, config: MultiTargetConfig) -> l
     Args:
         ours: (n,) sorted numbers of the tracks.
         theirs: (m,) sorted numbers of the targets.
-        config: how tracks are assigned.
+        config: settings, of which `assigned_target` states how tracks are assigned to targets.
     """
     if config.assigned_target != "id" or not len(ours) or np.isin(ours, theirs).any():
         return []

@@ -332,7 +332,7 @@ def timed_like(truth: TruthBoxes, tracks: Boxes, camera: str, config: MultiTarge
         tracks: a table, which has times.
         camera: camera of the rows.
         config: the frame rate, if it is given.
-        path: of the truth, for messages.
+        path: path of the truth, for messages.
 
     Raises:
         UsageError: the given frame rate is not that of the tracks.

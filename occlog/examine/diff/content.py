@@ -25,7 +25,7 @@ def diff_json(
     are skipped.
 
     Args:
-        name: of the file, in the result.
+        name: name of the file, in the result.
         a: value of the first file.
         b: value of the second file.
         tolerances: limits of differences of numbers; None: defaults.
@@ -158,7 +158,7 @@ def _short(value: object) -> Scalar:
 def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
     """Compare the stored consistency verdicts of the stages that both files have; empty if they agree, else one result.
 
-    `name`: of the files in the result.
+    `name`: name of the files in the result.
     """
     from occlog.io.files.inputs import verdicts_of_file
 
@@ -178,7 +178,7 @@ def compare_verdicts(name: str, a: Path, b: Path) -> list[DiffResult]:
 
 
 def compare_provenance(name: str, a: object, b: object) -> DiffResult:
-    """Compare the provenance `a` and `b` (JSON values) of two files; `name`: of the files in the result."""
+    """Compare the provenance `a` and `b` (JSON values) of two files; `name`: name of the files in the result."""
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
 
@@ -192,8 +192,8 @@ YAML = (".yaml", ".yml")
 def compare_contents(a: Path, b: Path, name: str, settings: DiffSettings) -> DiffResult:
     """Compare two files of one kind: YAML by value, report pages up to the last digit of decimals, others by byte.
 
-    `name`: of the files in the result; YAML is recognised by its ending. Provenance in pages and pictures is skipped
-    unless the settings compare it.
+    `name`: name of the files in the result; YAML is recognised by its ending. Provenance in pages and pictures is
+    skipped unless the settings compare it.
     """
     data_a, data_b = (content(path, settings) for path in (a, b))
     if data_a != data_b and name.lower().endswith(YAML):
@@ -265,7 +265,7 @@ def _without_texts(png: bytes) -> bytes:
 def values_in(name: str, data: bytes) -> object:
     """Return the values of YAML, the lines of text, or the SHA-256 of any other content.
 
-    `name`: of the file; YAML is recognised by its ending.
+    `name`: name of the file; YAML is recognised by its ending.
     """
     from occlog.io.files.texts.yaml import parse_yaml
 
@@ -281,7 +281,7 @@ def values_in(name: str, data: bytes) -> object:
 def diff_bytes(name: str, a: bytes, b: bytes) -> DiffResult:
     """Compare the contents `a` and `b` byte by byte; the first difference is located by byte, in text also by line.
 
-    `name`: of the files in the result.
+    `name`: name of the files in the result.
     """
     if a == b:
         return DiffResult(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))

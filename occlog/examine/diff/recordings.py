@@ -42,8 +42,8 @@ class RecordedMessages(ColumnTable):
 def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare two recordings; return a result for each part that one of them has.
 
-    Parts are attachments, frames, each table, verdicts and, if the settings say so, provenance. `name`: of the files in
-    the results.
+    Parts are attachments, frames, each table, verdicts and, if the settings say so, provenance. `name`: name of the
+    files in the results.
     """
     left, right = open_recording(a), open_recording(b)
     out = [_compare_attachments(left, right, name, settings)]
@@ -67,7 +67,7 @@ def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> l
 def _compare_attachments(a: McapRecording, b: McapRecording, name: str, settings: DiffSettings) -> DiffResult:
     """Compare attachments by content (YAML by value, text by line, others by hash), and linked videos.
 
-    `name`: of the files in the result.
+    `name`: name of the files in the result.
     """
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 

@@ -53,7 +53,7 @@ class Tolerances:
         Args:
             table: name of the table.
             column: name of the column.
-            unit: of the column.
+            unit: unit of the column.
             single: whether the column has 4-byte floats, for which the default relative tolerance is larger.
         """
         limit = self.named(table, column) or self.units.get(unit)
@@ -93,7 +93,7 @@ class RowDifference:
         a, b: both values; None if missing.
         difference: |a - b| of numbers; NaN if one of them is NaN; None: no numbers.
         limit: largest difference that counts as equal.
-        unit: of both values.
+        unit: unit of both values.
     """
 
     kind: str
@@ -133,7 +133,7 @@ class DiffResult:
     """Result of comparing two tables, JSON values or files.
 
     Attributes:
-        name: of the table or file.
+        name: name of the table or file.
         what: unit of the counts: `rows`, `values`, `bytes` or `files`.
         count_a, count_b: number in each.
         matched: number in both.

@@ -111,7 +111,7 @@ def _files(folder: Path, settings: DiffSettings) -> set[str]:
 def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare two files by their kind; those of different kinds byte by byte.
 
-    `name`: of the files in the results, of which recordings have several.
+    `name`: name of the files in the results, of which recordings have several.
     """
     kind, other = kind_of(a), kind_of(b)
     found = _as_tables(a, b, name, settings, kind, other)
@@ -138,7 +138,7 @@ def _as_tables(
     Args:
         a: first file.
         b: second file.
-        name: of the files in the results.
+        name: name of the files in the results.
         settings: tolerances, provenance.
         kinds: kind of each file (see `kind_of`).
         alone: whether these two files are all that is compared, so that tolerances of columns they lack are an error.

@@ -195,7 +195,7 @@ def compare_values(
         b: values of the second table.
         c: declaration of the column.
         table: name of the table, by which the column has its tolerance.
-        tolerances: of all columns.
+        tolerances: tolerances of all columns.
     """
     if c.kind in ("U", "?"):
         nothing = np.full(len(a), np.nan)
@@ -323,7 +323,7 @@ def diff_tables(
         b: chunks of the second table.
         tolerances: limits of differences; None: defaults.
         only: names of the columns to compare; None: all.
-        length_unit: of both tables; empty: they have different ones.
+        length_unit: unit of both tables; empty: they have different ones.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.
@@ -355,7 +355,20 @@ def _in_unit(tolerances: Tolerances, length_unit: str) -> Tolerances:
 
 @dataclass
 class _Tally:
-    """Accumulated comparison of two tables: counts of rows, and by column the rows that differ, and the worst one."""
+    """Accumulated comparison of two tables A and B.
+
+    Attributes:
+        kind: class of both tables.
+        tolerances: tolerances of all columns.
+        compared: declarations of the compared columns.
+        length_unit: unit of lengths in both tables; empty: different units.
+        rows_a, rows_b: numbers of rows.
+        matched: number of paired rows.
+        missing, added: numbers of rows in A only and in B only.
+        first: first difference in the order of rows; None: none.
+        rows: number of rows that differ, by column.
+        largest: largest difference, by column.
+    """
 
     kind: type[ColumnTable]
     tolerances: Tolerances
@@ -409,7 +422,7 @@ class _Tally:
             c: declaration of the column.
             a: part of the first table.
             b: part of the second table.
-            found: how the rows are paired.
+            found: pairs of row indices of the two parts.
         """
         values_a, values_b = _similar(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
         if values_a.ndim == 2 and not values_a.shape[1]:
@@ -492,10 +505,9 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
     """Compare the declarations of two tables: name, version, length unit, and columns with types and units.
 
     Args:
-        name: of the table or file.
+        name: name of the table or file.
         a: `schema` (name), `version`, `length_unit` and `columns`, a list of mappings with `name`, `type` and `unit`;
-            other
-            entries are not compared.
+            other entries are not compared.
         b: declaration of the second table, likewise.
     """
     out = [

@@ -32,7 +32,7 @@ def compare_tables(
     Args:
         a: first file.
         b: second file.
-        name: of both in the result.
+        name: name of the two files in the result.
         settings: tolerances, and whether provenance is compared.
         alone: there are no other files, so that tables of two kinds, and tolerances of unknown columns, are refused.
     """
@@ -73,7 +73,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
     Args:
         a: first table.
         b: second table.
-        name: of the files in the result.
+        name: name of the files in the result.
         settings: tolerances.
         alone: these two files are all that is compared, so that a tolerance of a column that neither has is an error.
     """
@@ -99,7 +99,7 @@ def _compare_others(a: Opened, b: Opened, name: str, settings: DiffSettings, alo
 def _compare_unused(a: ExternalTable, b: ExternalTable, table: type[ColumnTable], name: str) -> list[RowDifference]:
     """Return the first difference of each column of two external tables that occlog's `table` does not have.
 
-    A column that only one of them has is a difference too. `name`: of the files in the result.
+    A column that only one of them has is a difference too. `name`: name of the files in the result.
     """
     unused_a, unused_b = ([n for n in f.source.names if n not in f.layout_of(table).names] for f in (a, b))
     both = [n for n in unused_a if n in unused_b]
@@ -146,7 +146,7 @@ def _columns(opened: Opened, table: type[ColumnTable]) -> list[str]:
 def _compare_ours(a: Path, b: Path, name: str, settings: DiffSettings) -> list[DiffResult]:
     """Compare two occlog tables: declarations, rows, verdicts and, if the settings say so, provenance.
 
-    Rows are compared only if the declared columns agree. `name`: of the files in the results.
+    Rows are compared only if the declared columns agree. `name`: name of the files in the results.
     """
     stated_a, stated_b = describe(a), describe(b)
     schema = diff_schemas(name, stated_a, stated_b)

@@ -51,11 +51,13 @@ class SensorTimes:
     """Statistics of the times of one sensor, in file order.
 
     Attributes:
-        name: the sensor, for messages.
+        name: name of the sensor, for messages.
         unique: whether times must not repeat, since they are those of frames.
-        dropped: whether readers skip messages with times that repeat or go back.
-        sorted: whether readers sort the rows by time, so that times may go back.
+        dropped: whether readers skip messages with times that repeat or decrease.
+        sorted: whether readers sort the rows by time, so that times may decrease.
         sporadic: whether the sensor reports detections only, so that gaps are no fault.
+        count: number of times.
+        low, high: first and last time [ns].
     """
 
     name: str
@@ -237,7 +239,7 @@ def check_truth_times(
     Args:
         truth: location for the message, and statistics of times.
         sensors: statistics of the times of each.
-        findings: to be extended.
+        findings: list that is extended in place.
     """
     counted = [sensor for sensor in sensors if sensor.count]
     low, high = min((s.low for s in counted), default=0), max((s.high for s in counted), default=0)

@@ -89,8 +89,7 @@ class Findings:
             limit: permitted values, if the kind does not state them.
             count: number of locations it represents.
             similar: findings of a kind with an equal text are counted as one; empty: each of the first
-                `MAX_LISTED_FINDINGS` is
-                listed separately.
+                `MAX_LISTED_FINDINGS` is listed separately.
         """
         key = (kind, similar or f"{location}\0{value}")
         if key not in self._found and self._kinds.get(kind, 0) >= MAX_LISTED_FINDINGS:

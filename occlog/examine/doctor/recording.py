@@ -196,6 +196,17 @@ TABLES = {schema_of(table): table for table in RECORDED}
 
 
 class _Message(NamedTuple):
+    """One message of an MCAP file.
+
+    Attributes:
+        topic: topic of its channel.
+        schema: name of its schema; empty: none.
+        encoding: encoding of its content.
+        number: sequence number.
+        log_ns: time at which it was logged [ns].
+        data: content.
+    """
+
     topic: str
     schema: str
     encoding: str
@@ -210,7 +221,7 @@ def check_recording(path: Path, recording: McapRecording | None, findings: Findi
     Args:
         path: the recording.
         recording: the opened recording; None: it is damaged, and its intact part is checked.
-        findings: to be extended.
+        findings: list that is extended in place.
         seen: videos that have been checked; linked ones are added in place.
     """
     scan, fault = _RecordingScan(path, findings), None

@@ -157,8 +157,7 @@ def coco_texts(pieces: Callable[[], Iterable[Boxes]], scene: Scene | None) -> It
 
     Args:
         pieces: returns an iterator over the boxes, at each call, in parts that split no time and in which frames of a
-            camera
-            rise with time; or in one part.
+            camera rise with time; or in one part.
         scene: has the sizes of images; None: unknown.
     """
     sizes = {} if scene is None else {c.name: c.image_size for c in scene.cameras}

@@ -83,14 +83,14 @@ class UnrepresentableColumns:
     def __init__(
         self, name: str, table: type[ColumnTable], length_unit: str, chosen: tuple[int, ...], camera: str | None
     ):
-        """Start without rows.
+        """Create a note of what a format cannot represent, without rows yet.
 
         Args:
-            name: of the format.
+            name: name of the format.
             table: type of the exported table.
-            length_unit: of its lengths.
-            chosen: identities that are exported; none: all.
-            camera: the only one that is exported; None: all.
+            length_unit: unit of its lengths.
+            chosen: identities that are exported; empty: all.
+            camera: name of the only camera that is exported; None: all.
         """
         self._name, self._table, self._unit, self._chosen, self._camera = name, table, length_unit, chosen, camera
         held = (PLACES | BOXES)[name]

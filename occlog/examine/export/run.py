@@ -97,8 +97,8 @@ def chosen_rows(rows: ColumnTable, name: str, targets: Sequence[int], camera: st
     """Return the rows of some targets and of one camera; UsageError if the table has no such column.
 
     Args:
-        rows: of a table.
-        name: of the format, for messages.
+        rows: rows of a table.
+        name: name of the format, for messages.
         targets: identities; empty: all.
         camera: name; None: all.
     """
@@ -231,7 +231,7 @@ def _check_request(request: ExportRequest, name: str, form: ExportFormat) -> Non
 
     Args:
         request: the request.
-        name: of the format.
+        name: name of the format.
         form: its declaration.
     """
     if request.exporter is None:
@@ -252,7 +252,7 @@ def _table(opened: Opened, form: ExportFormat, name: str, wanted: str | None) ->
     Args:
         opened: the input.
         form: the format.
-        name: of the format, for messages.
+        name: name of the format, for messages.
         wanted: name of the table; None: any.
 
     Raises:
@@ -284,7 +284,7 @@ def _write_text(
     Return their number, cameras of a table in images (else None), and what the format cannot hold.
 
     Args:
-        name: of the format.
+        name: name of the format.
         opened: the input.
         table: its table.
         request: targets, camera, origin, output.
@@ -311,12 +311,12 @@ def _write_places(
     """Write positions of targets to an open file, part by part; return the number of rows.
 
     Args:
-        name: of the format: tum, mot3d, trc or geojson.
+        name: name of the format: tum, mot3d, trc or geojson.
         opened: the input.
         table: type of its table.
         request: targets and origin.
         file: binary file.
-        unit: of lengths.
+        unit: unit of lengths.
         missed: collects what the format cannot hold.
     """
     targets = check_targets(missed.watched(_rows(opened, table)), request.targets)
@@ -358,7 +358,7 @@ def _write_boxes(
     Rows are read in parts if frames rise with time or each line of the format is a box, else all at once.
 
     Args:
-        name: of the format: mot, kitti or coco.
+        name: name of the format: mot, kitti or coco.
         opened: the input.
         table: type of its table; ellipses are written as boxes.
         request: camera and output.

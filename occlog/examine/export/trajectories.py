@@ -52,7 +52,7 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
     """Return the sorted identities that are exported, after a pass over the rows.
 
     Args:
-        chunks: of the table.
+        chunks: chunks of the table.
         targets: identities to export; none: all.
 
     Raises:
@@ -146,7 +146,7 @@ def geojson_texts(
     Args:
         pieces: returns an iterator over the positions in the order of time, at each call.
         origin: position of the scene's origin on earth.
-        length_unit: of the positions.
+        length_unit: unit of the positions.
         most: rows of targets that are in memory in one pass; of a target with more there are two passes.
 
     Raises:
@@ -230,7 +230,7 @@ def _long_feature(
         pieces: returns an iterator over the positions of all targets; called twice.
         name: identity of the target.
         origin: position of the scene's origin on earth.
-        length_unit: of the positions.
+        length_unit: unit of the positions.
     """
     head = {"type": "Feature", "geometry": {"type": "LineString", "coordinates": []}}
     yield json.dumps(head)[:-3]
@@ -253,8 +253,8 @@ def trc_texts(pieces: Callable[[], Iterable[ExportedPositions]], length_unit: st
 
     Args:
         pieces: returns an iterator over the positions in the order of time, at each call; a time is in one part only.
-        length_unit: of the positions.
-        name: of the file.
+        length_unit: unit of the positions.
+        name: name of the file.
 
     Raises:
         InputError: the length unit is not known in metres, or there are more than `MAX_CELLS` cells.
@@ -321,7 +321,7 @@ def write_csv(
         rows: chunks of the table.
         table: its type.
         file: open binary file.
-        length_unit: of lengths, part of the names of columns.
+        length_unit: unit of lengths, part of the names of columns.
     """
     kept = [c for c in table.columns() if not c.width]
     file.write((",".join(shown_name(c, length_unit) for c in kept) + "\n").encode())
@@ -358,7 +358,7 @@ def write_parquet(rows: Iterable[ColumnTable], table: type[ColumnTable], file: I
         rows: chunks of the table.
         table: its type.
         file: open binary file.
-        length_unit: of lengths, part of the names of columns.
+        length_unit: unit of lengths, part of the names of columns.
     """
     schema = pa.schema([pa.field(shown_name(c, length_unit), _kind(c)) for c in table.columns()])
     count = 0

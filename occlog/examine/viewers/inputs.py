@@ -69,7 +69,7 @@ class ViewerInputs:
         tables: opened input of each table, by name.
         recording: images; None: missing.
         scene: cameras and plan; None: missing.
-        unit: of lengths.
+        unit: unit of lengths.
     """
 
     tables: Mapping[str, Opened] = field(default_factory=dict)

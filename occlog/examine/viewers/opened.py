@@ -53,8 +53,7 @@ def run_view(request: ViewRequest, *, quiet: bool = False) -> tuple[dict[str, ob
 
     Raises:
         UsageError: no viewer is installed, an option does not apply to an existing export, or a command is to be
-            printed
-            without an output.
+            printed without an output.
         OutputError: the viewer could not be started.
     """
     made = None if request.input.is_dir() else viewer_format_of(request.input)

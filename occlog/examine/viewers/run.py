@@ -77,7 +77,7 @@ class ViewerTask:
         recording: None: that of the folder.
         scene: scene file; None: that of the recording.
         layout: path of a layout file for Foxglove; None: none is written.
-        quality: of JPEG images from videos and of reduced images, 1 to 100.
+        quality: quality of JPEG images from videos and of reduced images, 1 to 100.
         height: images higher than this are reduced [px].
         overwrite: replace existing outputs.
         every: least time between messages of a topic [s], counted from the first time; None: all are written.
@@ -245,7 +245,7 @@ class _Sink:
         """Write the shapes of one layer over a frame; without shapes an empty message, which clears the layer.
 
         Args:
-            topic: of the layer.
+            topic: topic of the layer.
             frame: the image.
             things: shapes, in pixels.
             camera: for point clouds; None, or without a pose: none are written.

@@ -25,7 +25,7 @@ class Series:
     """Type of Protobuf messages `occlog.NAME` with fields of type double, for plots over time.
 
     Attributes:
-        name: of the message, within the package `occlog`.
+        name: name of the message, within the package `occlog`.
         fields: names of the fields, in the order of their numbers.
     """
 
@@ -101,7 +101,7 @@ LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 def main_columns(series: Series, values: Sequence[float]) -> tuple[str, ...]:
     """Return the names of the main columns to plot of a row: the first choice of which all values are known.
 
-    If there is none, the very first choice. `values`: of all fields of the series, NaN: unknown.
+    If there is none, the very first choice. `values`: values of all fields of the series, NaN: unknown.
     """
     known, choices = dict(zip(series.fields, values, strict=True)), MAIN[series.name]
     return next((names for names in choices if not any(math.isnan(known[name]) for name in names)), choices[0])
@@ -113,7 +113,7 @@ def main_numbers(series: Series, names: Sequence[str], values: Sequence[float]) 
     Args:
         series: one of those in `MAIN`.
         names: columns to store; the same for all messages of a topic, since plotted lines have no names.
-        values: of all fields of the series; NaN: unknown.
+        values: values of all fields of the series; NaN: unknown.
     """
     known = dict(zip(series.fields, values, strict=True))
     label = ",".join(names).encode() + b"\x00"

@@ -65,7 +65,13 @@ SHADOWS_NS = NS // 5
 
 
 class SceneDrawing(NamedTuple):
-    """Shapes in the world [m] that are shown on a topic from the time `t_ns` [ns] on, until the next ones."""
+    """Shapes in the world [m] that a viewer shows until the topic's next ones.
+
+    Attributes:
+        topic: topic in the viewer's file.
+        t_ns: time from which they are shown [ns].
+        things: groups of shapes.
+    """
 
     topic: str
     t_ns: int
@@ -73,14 +79,26 @@ class SceneDrawing(NamedTuple):
 
 
 class ImageOverlay(NamedTuple):
-    """A frame, and the shapes over it by layer (see `LAYERS`)."""
+    """A frame of a camera, and the shapes drawn over it.
+
+    Attributes:
+        frame: the frame.
+        layers: groups of shapes by layer (a name in `LAYERS`).
+    """
 
     frame: Frame
     layers: dict[str, list[DrawingGroup]]
 
 
 class Numbers(NamedTuple):
-    """Values of the fields of a series at the time `t_ns` [ns], on a topic."""
+    """One sample of a series that a viewer plots over time.
+
+    Attributes:
+        topic: topic in the viewer's file.
+        t_ns: time [ns].
+        series: declaration of the series, with its fields.
+        values: value of each field; NaN: unknown.
+    """
 
     topic: str
     t_ns: int
@@ -89,7 +107,14 @@ class Numbers(NamedTuple):
 
 
 class LogLine(NamedTuple):
-    """Message for the viewer's log at the time `t_ns` [ns]; `warns`: as a warning; `source`: what it is about."""
+    """Message for the viewer's log.
+
+    Attributes:
+        t_ns: time [ns].
+        warns: whether it is a warning.
+        source: subject of the message.
+        words: text of the message.
+    """
 
     t_ns: int
     warns: bool

@@ -29,7 +29,7 @@ class BatchRecording(NamedTuple):
     """A recording of a batch.
 
     Attributes:
-        name: of its run folder; unique, also if case or the encoding of accents is ignored.
+        name: name of its run folder; unique, also if case or the encoding of accents is ignored.
         shown: its file name, with the folders that distinguish it from the others.
         location: absolute path or URL.
         fault: why it cannot be processed, as text to follow its name; empty: it can.

@@ -108,7 +108,7 @@ def run_folder(location: str, name: str, cache: Cache) -> Iterator[Path]:
 
     Args:
         location: path or URL of the run.
-        name: of the recording, and of the local folder for a URL.
+        name: name of the recording, and of the local folder for a URL.
         cache: has the local folder for a URL.
     """
     if not is_url(location):
@@ -145,7 +145,7 @@ FAILED = "failed"
 class Task:
     """Task of a worker: to run the stages of a configuration on one recording.
 
-    `name`: of the recording and its run; `shown`: its name in tables; `location`: path or URL of the recording;
+    `name`: name of the recording and its run; `shown`: its name in tables; `location`: path or URL of the recording;
     `folder`: path or URL of its run folder; `force`: run stages that are up to date, too; `cache`: for files at URLs.
     """
 
@@ -160,10 +160,19 @@ class Task:
 
 @dataclass(frozen=True)
 class RecordingOutcome:
-    """Outcome of the run of one recording: exit code, failure, verdicts, losses and outputs.
+    """Outcome of the run of one recording.
 
-    `sha256`: of the recording, empty: unreadable; `stage`, `message`: the failed stage and why; `outputs`: valid files
-    in the run folder; `redone`: whether a stage had to run; `seconds`, `cpu_seconds`: elapsed and processor time.
+    Attributes:
+        name: name of its run folder.
+        shown: the recording as shown to the user.
+        sha256: SHA-256 of the recording; empty: it could not be read.
+        code: exit code.
+        stage, message: name of the failed stage, and the reason; empty: none failed.
+        verdicts: consistency verdicts of all stages.
+        losses: input that was lost.
+        outputs: files of the run folder that are valid for this recording and configuration.
+        redone: whether a stage had to run, since it was not up to date.
+        seconds, cpu_seconds: elapsed time, and processor time of the process that ran it [s].
     """
 
     name: str

@@ -65,9 +65,9 @@ def gather(
     """Write the tables over all recordings: outcomes, metrics, and joined tables. Older files are replaced.
 
     Args:
-        folder: of the batch.
+        folder: folder of the batch.
         runs: folder of the run folders.
-        outcomes: of all recordings, in the order of rows.
+        outcomes: outcomes of all recordings, in the order of rows.
         tables: names of the tables to join, e.g. `tracks`.
         config: the configuration of every run.
     """
@@ -267,7 +267,7 @@ def _outcomes(
 
     Args:
         request: workers, scheduler, whether to redo runs.
-        config: of the runs.
+        config: configuration of the runs.
         sources: recordings; those with a fault are not run.
         folder: path or URL of the batch.
         quiet: show no progress.
@@ -312,7 +312,7 @@ def _fetch_collected(location: str, runs: Path, outcomes: Sequence[RecordingOutc
     Args:
         location: URL of the batch.
         runs: local folder, with a subfolder for each run.
-        outcomes: of the recordings.
+        outcomes: outcomes of the recordings.
         results: names of the tables over all recordings.
     """
     for each in outcomes:
@@ -343,7 +343,7 @@ def _tell(outcomes: Sequence[RecordingOutcome], sources: Sequence[BatchRecording
     """Write failed, lossy and implausible recordings to standard error, a line each.
 
     Args:
-        outcomes: of all recordings.
+        outcomes: outcomes of all recordings.
         sources: the recordings, in the same order.
         quiet: no warnings about implausible ones.
     """

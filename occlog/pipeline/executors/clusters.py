@@ -83,7 +83,7 @@ class DaskCluster:
 
         Args:
             library: the module `distributed`.
-            client: of the scheduler.
+            client: client of the scheduler.
             todo: tasks by key.
             work: function of a task.
 

@@ -16,7 +16,7 @@ class Lost(NamedTuple):
     """Placeholder for the result of a task that was lost because its worker died.
 
     Attributes:
-        reason: how the worker ended.
+        reason: end of the worker, in words.
     """
 
     reason: str

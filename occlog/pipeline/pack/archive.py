@@ -39,7 +39,7 @@ class PackedFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         path: its name, relative to the folder of inputs or to the run folder.
-        sha256: of its content.
+        sha256: SHA-256 of its content.
         bytes: its size.
         included: whether it is in the archive.
     """
@@ -55,8 +55,8 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         occlog_pack: version of this format.
-        version: of occlog.
-        versions: of Python and of packages, by name.
+        version: version of occlog.
+        versions: versions of Python and of packages, by name.
         config: name of the configuration among the inputs.
         folder: path of the run folder among the inputs; a recording made by `ingest` refers to its videos from there.
         inputs: the configuration, and all files that it names.
@@ -243,8 +243,7 @@ def unpack(path: Path, folder: Path) -> Manifest:
 
     Raises:
         InputError: it is damaged or hostile: names that lead out, links, more files or bytes than stated or allowed,
-            files
-            that the manifest does not have, or that are not what it states.
+            files that the manifest does not have, or that are not what it states.
         OutputError: there is no space for them.
     """
     check_input(path, "an archive of `occlog pack`")

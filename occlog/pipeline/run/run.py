@@ -171,7 +171,7 @@ def _stages(
 
     Args:
         wanted: the configuration.
-        folder: of the run.
+        folder: folder of the run.
         force: run stages that are up to date, too.
         dry_run: run none, report which would run.
         begin: called with the name of a stage before it runs.
@@ -309,7 +309,7 @@ def key_of(stage: RunStage, folder: Path, digests: Digests) -> str:
 
     Args:
         stage: the stage.
-        folder: of the run.
+        folder: folder of the run.
         digests: cache of hashes of files.
     """
     digest = hashlib.sha256(f"{__version__}\0{installed_versions()}\0{stage.name}\0".encode())

@@ -42,7 +42,7 @@ class RunStage:
     """A stage of a run: the request of a command, made from the keys of a configuration.
 
     Attributes:
-        name: of the stage.
+        name: name of the stage.
         form: fields and settings of the request.
         values: by key, as in the configuration, inputs and outputs included.
         output_paths: those of the values that are paths of outputs.
@@ -250,7 +250,7 @@ def _file(entry: RequestEntry, value: object, kept: Path | None) -> float | Path
 
     Args:
         entry: field of the request.
-        value: of its key.
+        value: value of its key.
         kept: file that replaces standard input (`-`); None: it stays.
     """
     text = ",".join(map(str, listed(value)))

@@ -257,7 +257,7 @@ def _without_views(
 
     Args:
         config: the configuration.
-        folder: of the run.
+        folder: folder of the run.
         measured: the recording, or the table of measurements.
         out: paths of the outputs by name.
         scene: input `scene`, or empty.
@@ -325,8 +325,8 @@ def _overlay(
     InputError if it is configured, but there is no video.
 
     Args:
-        config: of the run.
-        folder: of the run.
+        config: configuration of the run.
+        folder: folder of the run.
         recording: with the video.
         tracks: table of tracks.
         inputs: further inputs by key.
@@ -357,8 +357,8 @@ def _all_people(
     """Generate the stages after detection for methods that track all people on the ground and in the images.
 
     Args:
-        config: of the run.
-        folder: of the run.
+        config: configuration of the run.
+        folder: folder of the run.
         recording: the recording.
         out: paths of tables by name.
         scene: input `scene`, or empty.
@@ -395,7 +395,7 @@ def _in_images(config: Config, folder: Path, recording: Path, boxes: Path, takes
 
     Args:
         config: the configuration.
-        folder: of the run.
+        folder: folder of the run.
         recording: with images, boxes or both.
         boxes: views of the stage `detect`, or the recording.
         takes_in: kind of input of the method.
@@ -452,8 +452,8 @@ def _priors(
     an unknown source.
 
     Args:
-        config: of the run.
-        folder: of the run.
+        config: configuration of the run.
+        folder: folder of the run.
         recording: the recording.
         out: paths of tables by name.
         scene: input `scene`, or empty.
@@ -479,7 +479,7 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
     A file in the configuration has priority over the recording.
 
     Args:
-        config: of the run.
+        config: configuration of the run.
         recording: may hold true positions or boxes.
         views: table of views.
     """
@@ -599,7 +599,7 @@ def form_of(verb: type[Request] | Verb | Verbs, name: str, values: Mapping[str, 
 
     Args:
         verb: the request class or classes of the command.
-        name: of the subcommand, if there are several.
+        name: name of the subcommand, if there are several.
         values: by key.
 
     Raises:

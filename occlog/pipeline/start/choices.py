@@ -520,7 +520,7 @@ def _match(made: Choices, calibration: OpenedCalibration | None, names: Sequence
     Args:
         made: choices, which get lines, and lose the files of cameras that are left out.
         calibration: names the calibrated cameras; None: all cameras keep their names.
-        names: of the cameras with data.
+        names: names of the cameras with data.
         scene: whether a scene file has cameras, so that those without a calibration stay.
     """
     if calibration is None:

@@ -48,11 +48,11 @@ class Item(NamedTuple):
     """A file or folder that can be used.
 
     Attributes:
-        path: of it.
-        kind: what it is taken for.
-        words: its format.
-        name: of its camera or array, by its path or by the user.
-        others: other kinds that it may be.
+        path: path of the file or folder.
+        kind: kind of input as which it is used.
+        words: name of its format.
+        name: name of its camera or array, by its path or by the user.
+        others: other kinds of input that it may be.
         stated: whether the user states its kind.
         named: whether the user states its name.
     """
@@ -118,7 +118,7 @@ def survey(sources: Sequence[Path], stated: Mapping[Path, Stated]) -> Survey:
 
     Args:
         sources: files and folders given by the user.
-        stated: what the user states about files, by resolved path.
+        stated: kinds and sensors that the user states for files, by resolved path.
 
     Raises:
         InputError: a source does not exist.
@@ -139,7 +139,7 @@ def _look(path: Path, root: Path, depth: int, stated: Mapping[Path, Stated], fou
         path: file or folder.
         root: source that the user named.
         depth: number of folders between both.
-        stated: what the user states about files, by resolved path.
+        stated: kinds and sensors that the user states for files, by resolved path.
         found: updated in place.
         seen: resolved paths that were inspected; updated in place.
     """
@@ -183,7 +183,7 @@ def _look_into(
         path: the folder.
         root: source that the user named.
         depth: number of folders between both.
-        stated: what the user states about files, by resolved path.
+        stated: kinds and sensors that the user states for files, by resolved path.
         found: updated in place.
         seen: resolved paths that were inspected; updated in place.
     """

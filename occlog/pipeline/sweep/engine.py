@@ -118,7 +118,12 @@ class Store:
 
 
 class TrialOutcome(NamedTuple):
-    """Result of a trial, or the reason why it failed."""
+    """Outcome of a trial; exactly one of the two is not None.
+
+    Attributes:
+        result: figures of the trial.
+        error: message why it failed.
+    """
 
     result: Result | None
     error: str | None

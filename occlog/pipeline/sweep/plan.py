@@ -57,7 +57,12 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
 
 
 class Setting(NamedTuple):
-    """One combination of the varied values: these values by name, and the specification of a trial for each run."""
+    """One combination of the varied values.
+
+    Attributes:
+        label: the varied values by name.
+        trials: specification of the trial of each run.
+    """
 
     label: dict[str, object]  # the varied values by name
     trials: tuple[dict[str, object], ...]  # one for each run
@@ -72,7 +77,7 @@ def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> No
     """Check the values of all settings before any trial runs; InputError with the line of the file.
 
     Args:
-        path: of the sweep file.
+        path: path of the sweep file.
         spec: its content.
         settings: combinations that are run.
     """
@@ -107,7 +112,7 @@ def _check_value(part: str, method: str, name: str, value: object) -> None:
     Args:
         part: part of a trial, for example `track`.
         method: tracking method, if the part is `track`.
-        name: of the setting.
+        name: name of the setting.
         value: to check.
     """
     if part == "priors":
@@ -140,7 +145,7 @@ def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, s
         spec: content of the file.
         case: index of the case.
         name: part and setting, as `track.particles`.
-        value: by which the position in a list is found.
+        value: value of the trial, which is searched for in the setting's list.
     """
     if name in spec.vary:
         return f"vary.{name}", f"$.vary.{name}[{spec.vary[name].index(value)}]"

@@ -55,7 +55,7 @@ def run_sweep(
 
     Args:
         path: sweep file.
-        folder: of the results.
+        folder: folder of the results.
         workers: number of local processes.
         scheduler: address or name of a cluster to use instead; None: local processes.
         jobs: settings of jobs, for schedulers that run jobs.
@@ -145,7 +145,13 @@ class Summary(NamedTuple):
 
 
 class SummaryRow(NamedTuple):
-    """Statistics of one figure over the runs of one setting; `label`: the varied values by name."""
+    """Statistics of one figure over the runs of one setting.
+
+    Attributes:
+        label: the varied values by name.
+        figure: name of the figure.
+        summary: statistics over the runs.
+    """
 
     label: Row  # the varied values by name
     figure: str

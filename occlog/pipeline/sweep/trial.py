@@ -58,9 +58,8 @@ def run_trial(spec: Spec) -> dict[str, float]:
     Args:
         spec: `scene` (YAML text), `seed`, `run`; optional `simulate` (fields of `WorldConfig`), `observe` (of
             `ObserveConfig`), `priors` (`kind` none, known or kalman, with `measurement_noise` and
-                `process_noise_velocity`
-            for kalman), `track` (`method` and its settings), `cameras` (names of those to use), `select` (fields of
-            `SelectConfig`), `skip` (number of estimates skipped at the start).
+            `process_noise_velocity` for kalman), `track` (`method` and its settings), `cameras` (names of those to
+            use), `select` (fields of `SelectConfig`), `skip` (number of estimates skipped at the start).
 
     Returns:
         `rmse`, `mean_error`, `max_error` (length unit), `lost` (share of estimates more than a fifth of the room away),

@@ -117,7 +117,7 @@ def _make_again(manifest: Manifest, folder: Path, made: Path, begin: Callable[[s
     InputError for a configuration with files outside of the archive, or inputs that no stage uses.
 
     Args:
-        manifest: of the archive.
+        manifest: manifest of the archive.
         folder: where it was unpacked.
         made: run folder to write.
         begin: called with the name of a stage before it runs.

@@ -44,7 +44,12 @@ STYLES: dict[str, Style] = {
 
 
 class PersonLifeline(NamedTuple):
-    """A person's tracks in runs A and B over time: name, and intervals with the track of each."""
+    """A person's tracks in runs A and B over time.
+
+    Attributes:
+        name: name of the person in the plot.
+        a, b: intervals with the track of each, in run A and in run B.
+    """
 
     name: str
     a: tuple[Piece, ...]
@@ -59,7 +64,7 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
         time: axis.
         found: errors over time.
         near: match threshold [unit]; the axes of errors extend at least to a hundredth of it.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     errors, difference, missed = figure.subplots(3, 1, sharex=True, height_ratios=[2.0, 1.2, 1.2])
     both = np.flatnonzero(np.isfinite(found.a))

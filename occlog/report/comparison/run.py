@@ -48,7 +48,14 @@ WHOLE = ("tracks", "diagnostics", "occluders")
 
 
 class ReportRun(NamedTuple):
-    """One of two compared runs: name, file of its tracks, all tracks, and content for the report."""
+    """One of two compared runs.
+
+    Attributes:
+        name: name of the run.
+        file: path of its tracks.
+        tracks: all tracks.
+        data: content for the report.
+    """
 
     name: str
     file: Path
@@ -92,7 +99,7 @@ def files_of(run: Path, shared: PageRequest) -> PageRequest:
 def open_run(name: str, paths: PageRequest) -> ReportRun:
     """Read all files of a run; InputError if it has no estimates, or more than `MAX_ROWS`.
 
-    `name`: of the run in the page; `paths`: request with its files.
+    `name`: name of the run in the page; `paths`: request with its files.
     """
     file = paths.tracks
     assert file is not None
@@ -191,7 +198,7 @@ def align_runs(
         b: run B.
         truth: file and content of the truth of both; None: unknown.
         config: match threshold, divergence distance, and least duration of changes.
-        seed: of the random draws of the statistical comparison.
+        seed: seed of the random draws of the statistical comparison.
     """
     near, tolerance, lasting = config.match_distance, config.divergence_distance, round(config.min_duration_s * NS)
     assert near is not None

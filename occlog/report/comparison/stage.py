@@ -43,7 +43,7 @@ def matched_by_truth(
         b: tracks of run B.
         truth: with targets.
         near: match threshold.
-        unit: of lengths.
+        unit: unit of lengths.
         lasting_ns: shorter pieces of tracks on a target are skipped [ns].
 
     Returns:

@@ -138,7 +138,7 @@ def lengths_of(config: RunComparisonConfig, unit: str) -> tuple[float, float]:
 
     Args:
         config: as given, in the scene's unit; None for a default.
-        unit: of lengths.
+        unit: unit of lengths.
     """
     if unit in METRES:
         usual = RunComparisonConfig.in_unit(unit)
@@ -180,7 +180,17 @@ MAX_PIECES = 8
 
 
 class FigureRow(NamedTuple):
-    """Row of the page's table of figures, as text: values of both runs, difference, interval, p, verdict."""
+    """Row of the page's table of figures; all cells are text.
+
+    Attributes:
+        name: name of the figure.
+        meaning: meaning of the figure in words.
+        a, b: values in runs A and B.
+        difference: B minus A.
+        interval: confidence interval of the difference.
+        p: p-value of the difference.
+        verdict: whether the runs differ, in words.
+    """
 
     name: str
     meaning: str
@@ -193,7 +203,15 @@ class FigureRow(NamedTuple):
 
 
 class DivergenceRow(NamedTuple):
-    """Row of the page's table of divergences: kind, first time [s], tracks, distance with unit, frequency."""
+    """Row of the page's table of divergences.
+
+    Attributes:
+        what: kind of divergence.
+        seconds: first time [s since the start]; None: it does not occur.
+        who: tracks concerned at that time.
+        distance: distance with unit.
+        often: number of occurrences, in words.
+    """
 
     what: str
     seconds: float | None
@@ -213,7 +231,12 @@ class Cell(NamedTuple):
 
 
 class IdentityRow(NamedTuple):
-    """Row of the page's table of identities: a person, and the tracks in runs A and B matched to the person."""
+    """Row of the page's table of identities.
+
+    Attributes:
+        who: the person.
+        a, b: tracks matched to the person in runs A and B.
+    """
 
     who: str
     a: list[Cell]
@@ -223,7 +246,12 @@ class IdentityRow(NamedTuple):
 class ChangeRow(NamedTuple):
     """Row of the page's table of identity changes.
 
-    Time [s], run, person, tracks before and after, and whether the other run has the change too, as text.
+    Attributes:
+        seconds: time [s since the start].
+        run: name of the run.
+        who: the person.
+        before, after: tracks before and after the change.
+        other: whether the other run has the change, too, in words.
     """
 
     seconds: float
@@ -478,7 +506,7 @@ def _own(followed: MatchedRuns) -> list[int]:
 
 
 def _several(pieces: Sequence[Piece]) -> int:
-    """Return the number of tracks of a person after the first one."""
+    """Return the number of different tracks in a person's intervals `pieces`, without the first one; at least 0."""
     return max(len({piece.track for piece in pieces}) - 1, 0)
 
 

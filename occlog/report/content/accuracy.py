@@ -23,8 +23,8 @@ def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: s
     """Return the errors (n,) and bounds (n,) of a target at the n times that have both.
 
     Args:
-        errors: of all targets.
-        bound: of all targets.
+        errors: errors of all targets.
+        bound: bound of all targets.
         target: its identity.
         kind: column of the bound: `bound` (filtering) or `smoothed`.
         where: ending of the columns: empty on the ground, `_space` in space.
@@ -38,7 +38,14 @@ def _common_times(errors: Errors, bound: Bound, target: int, kind: str, where: s
 
 @dataclass
 class _Sums:
-    """Sums of squares of errors and bounds at common times."""
+    """Sums of squares of errors and bounds at times when a target has both.
+
+    Attributes:
+        rows: number of such times.
+        errors: sum of squared errors.
+        bounds: sum of squared bounds.
+        known: whether any bound of this kind is known.
+    """
 
     rows: int = 0
     errors: Sum = field(default_factory=Sum)
@@ -48,7 +55,13 @@ class _Sums:
 
 @dataclass
 class _BoundSoFar:
-    """Running sum of squares of a target's bounds."""
+    """Running sum of squares of a target's bounds.
+
+    Attributes:
+        rows: number of rows so far.
+        squares: sum of squares by kind of bound (`KINDS`).
+        smoothed: whether the bound of smoothing is known in all rows so far.
+    """
 
     rows: int = 0
     squares: dict[str, Sum] = field(default_factory=lambda: {kind: Sum() for kind in KINDS})
@@ -134,13 +147,12 @@ def matching_tracks(errors: Errors, tracks: Tracks) -> dict[int, int | None]:
     """Return the track that each true target's errors are of, found by estimates with equal time and position.
 
     Args:
-        errors: of `occlog evaluate`, or some of them.
+        errors: errors of `occlog evaluate`, or some of them.
         tracks: in the order of time, or some of their times.
 
     Returns:
-        Track by target; None if errors of one target are of several tracks. A target is missing if none of the
-            estimates of
-        its errors is among the tracks.
+        Track by target; None if the errors of one target belong to several tracks. A target is missing if none of its
+            estimates is among the tracks.
     """
     out: dict[int, int | None] = {}
     shared = np.isin(errors.t_ns, tracks.t_ns)

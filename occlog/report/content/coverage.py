@@ -163,7 +163,7 @@ class ObservationStreams:
         """Return records of the frames of a sensor for a target; several bearings in one frame give one record.
 
         Args:
-            number: of the pair of sensor and target.
+            number: number of the pair of sensor and target, in the order of first use.
             t_ns: (n,) times, rising [ns].
             seen: (n,) whether the bearing is a detection.
         """
@@ -279,6 +279,20 @@ class Selections:
 
 @dataclass
 class _SelectionTarget:
+    """Running statistics of the camera selections for one target.
+
+    Attributes:
+        count: number of selections.
+        expected: sum of squares of the predicted position errors.
+        first: time of the first selection [ns].
+        since: time of the current selection [ns], and its cameras.
+        last: time of the last scan [ns].
+        selected_ns: how long each camera was selected [ns], by name.
+        times: times of the selections that are drawn [ns].
+        chosen: cameras of each of these selections.
+        found: number and sum of squares of actual errors, by kind (`error`, `stated spread`).
+    """
+
     count: int = 0
     expected: Sum = field(default_factory=Sum)
     first: int = 0

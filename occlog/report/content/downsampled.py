@@ -216,6 +216,16 @@ def largest(values: Floats, target: Ints, segment: Ints) -> Bools:
 
 @dataclass
 class _ErrorsOfTarget:
+    """Running sums of the errors of one target.
+
+    Attributes:
+        squares: sum of squared errors on the ground.
+        rows: number of these errors.
+        worst: largest error on the ground.
+        squares_in_space: sum of squared errors in space.
+        in_space: number of known errors in space.
+    """
+
     squares: Sum = field(default_factory=Sum)
     rows: int = 0
     worst: float = 0.0

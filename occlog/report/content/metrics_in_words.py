@@ -266,7 +266,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Table with a column for each figure, and a row for each target, sensor or kind of box; cells are text."""
+    """Table with a column for each figure, and a row for each target, sensor or kind of box; cells are text.
+
+    Attributes:
+        kind: kind of the rows: `target`, `sensor` or `boxes`.
+        columns: names of the figures.
+        rows: name of each row, and its cells.
+    """
 
     kind: str
     columns: tuple[str, ...]
@@ -275,7 +281,13 @@ class Breakdown:
 
 @dataclass
 class MetricGroup:
-    """Related figures under a title: overall ones, and tables by target or sensor."""
+    """Related figures of the report.
+
+    Attributes:
+        title: heading of the group.
+        figures: overall figures.
+        breakdowns: tables of figures by target, sensor or kind of box.
+    """
 
     title: str
     figures: list[Figure] = field(default_factory=list)
@@ -287,9 +299,14 @@ Value = str | int | float | np.number | np.bool_ | None
 
 
 class MetricValue(NamedTuple):
-    """A metric's value with its vocabulary entry.
+    """Value of a metric, with its entry in the vocabulary of metrics.
 
-    `settled`: after the settling time; `kind`: `target`, `sensor`, `box` or empty (overall); `subject`: name of that.
+    Attributes:
+        word: entry in the vocabulary.
+        settled: whether the value is of the time after settling.
+        kind: `target`, `sensor`, `box`, or empty for an overall value.
+        subject: name of the target, sensor or kind of box.
+        value: the value.
     """
 
     word: Word

@@ -103,7 +103,7 @@ class ReportInput:
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
         losses: input data that could not be read.
-        made: how the tracks were made.
+        made: provenance of the tracks.
         length_unit: unit of lengths if there is no scene to state it.
         earlier: consistency verdicts of the stages that made the inputs.
         in_images: whether tracks are in images, with positions in pixels, so that there is no floor plan.

@@ -275,7 +275,15 @@ class TriangulationDistances:
 class _Off:
     """Accumulated residuals of bearings, and distances from triangulated positions, of one target's track.
 
-    `held`: detections of the last scan, which may not be complete, and the estimates at them.
+    Attributes:
+        rows: number of residuals of each sensor.
+        squares: (n, 2) sums of squared residuals of each of n sensors, in rad^2 and in squared standard deviations.
+        drawn: residuals that are drawn.
+        held: detections of the last scan, which may be incomplete, and the estimates at them; None: none.
+        start_ns: time of the first scan [ns]; None: none yet.
+        scans: number of triangulated scans.
+        total: sum of squared distances.
+        t_ns, distance, so_far: times [ns], distances and running RMS of the scans that are drawn.
     """
 
     rows: Ints
@@ -307,7 +315,7 @@ class BearingResidualStreams:
         Args:
             scene: the sensors.
             targets: identities of the tracked targets.
-            labels: of all bearings.
+            labels: all target labels that occur in the bearings.
             periods_ns: targets to triangulate, with the length of a scan [ns] (see `scans`); None: sensors share times.
             every: every k-th residual of a sensor, and every k-th distance, is drawn, and the largest ones between.
             in_memory: how many distances are kept in memory.

@@ -29,8 +29,12 @@ BAR = 26
 class Outline(NamedTuple):
     """Estimate of a target, drawn in a frame as an ellipse.
 
-    `ellipse`: (5,) x, y of the centre, half axes a, b [px], and angle of a from x to y [rad]; `dashed`: only neighbours
-    act on it, or its view has no box of it; `strong`: other views help; `wrong`: text for a failure, empty: none.
+    Attributes:
+        ellipse: (5,) x and y of the centre, half axes a and b [px], and angle of a from x towards y [rad].
+        target_id: identity of the target.
+        dashed: only neighbours act on the estimate, or its view has no box of it.
+        strong: other views help.
+        wrong: text for a failure; empty: none.
     """
 
     ellipse: Floats  # (5,) see `occlog.core.image`
@@ -41,10 +45,14 @@ class Outline(NamedTuple):
 
 
 class TruePosition(NamedTuple):
-    """True box of a target that is drawn in a frame.
+    """True box of a target, drawn in a frame.
 
-    `box`: (4,) left, top, width, height [px]; `visible`: visible share, 0 to 1, NaN: unknown; `missed`: no tracker is
-    on it; `coloured`: in the colour of its number, else white.
+    Attributes:
+        box: (4,) left, top, width and height [px].
+        target_id: identity of the target.
+        visible: visible share, 0 to 1; NaN: unknown.
+        missed: no tracker is on the target.
+        coloured: drawn in the colour of the target's number; otherwise white.
     """
 
     box: Floats  # (4,) left, top, width, height [px]
@@ -55,9 +63,14 @@ class TruePosition(NamedTuple):
 
 
 class LineDrawing(NamedTuple):
-    """A polyline of a target, such as its trail or its projected outline: points (k, 2) in pixels, and style.
+    """A polyline of a target, such as its trail or its projected outline.
 
-    `width`: [px]; `words`: text above its highest point.
+    Attributes:
+        points: (k, 2) points [px].
+        target_id: identity of the target.
+        width: width of the line [px].
+        dashed: whether it is dashed.
+        words: text above its highest point; empty: none.
     """
 
     points: Floats  # (k, 2)
@@ -68,11 +81,18 @@ class LineDrawing(NamedTuple):
 
 
 class FrameDrawing(NamedTuple):
-    """All that is drawn over one frame of one view, in pixels of the frame (centres at integers).
+    """All that is drawn over one frame of one view, in pixels of the frame (pixel centres at integers).
 
-    `links`: (2, 2) centres of two targets that touch; `lines`: target and points (k, 2) of epipolar lines; `boxed`:
-    true boxes are drawn as boxes, not as crosses; `notes`: texts at the bottom; `ways`: trails and outlines; `ranks`:
-    index of a target that selects its colour, else its number does.
+    Attributes:
+        title: text of the title bar.
+        outlines: estimates.
+        links: lines between the centres of two targets that touch, (2, 2) each.
+        lines: identity of the target and points (k, 2) of each epipolar line.
+        positions: true boxes.
+        boxed: true boxes are drawn as boxes; otherwise as crosses.
+        notes: texts at the bottom.
+        ways: trails and projected outlines.
+        ranks: index of the colour of each target, by identity; targets that are missing have that of their number.
     """
 
     title: str
@@ -103,7 +123,7 @@ def draw_shot(image: Bytes, shot: FrameDrawing, scale: float) -> Bytes:
 
     Args:
         image: (H, W, 3) BGR or (H, W) grey.
-        shot: what to draw.
+        shot: estimates, lines, true positions and texts to draw, in pixels of the frame.
         scale: pixels of the result per pixel of the frame, > 0.
 
     Returns:
@@ -213,7 +233,7 @@ def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box], colou
 
     Args:
         picture: drawn on, in place.
-        outline: of the target.
+        outline: outline of the target.
         scale: pixels of the picture per pixel of the frame.
         taken: boxes of earlier labels, which the new one avoids; it is added.
         colour: BGR; failures are red.

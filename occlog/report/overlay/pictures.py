@@ -229,7 +229,7 @@ class Pictures:
         Args:
             view: index of the view.
             frame: its image.
-            rows: of the frame.
+            rows: rows of the frame.
         """
         if self._world is not None:
             self._world.move(frame.t_ns)
@@ -246,7 +246,7 @@ class Pictures:
         Args:
             view: index of the view.
             number: index of the frame.
-            rows: of each view at this time.
+            rows: rows of each view at this time.
         """
         shot = frame_shot(view, number, rows, self._rig)
         if self._lost.is_lost(self.names[view], number):
@@ -340,7 +340,7 @@ def _rig(
     Args:
         asked: the request.
         recording: the images.
-        names: of the cameras.
+        names: names of the cameras.
         scene: poses; None: unknown.
         lost: records frames that cannot be decoded.
         job: receives notes.

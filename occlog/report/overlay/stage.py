@@ -25,7 +25,13 @@ BENT = 65
 
 
 class OverlayFrameRows(NamedTuple):
-    """Rows of each table for one frame of one camera; None for missing tables."""
+    """Rows of each table for one frame of one camera; None for missing tables.
+
+    Attributes:
+        tracks: tracks in images.
+        truth: true boxes.
+        failures: failures of the tracks.
+    """
 
     tracks: ViewTracks | None
     truth: TruthBoxes | None
@@ -35,9 +41,12 @@ class OverlayFrameRows(NamedTuple):
 class OverlayRig(NamedTuple):
     """Views that are drawn, with their epipolar geometry.
 
-    `cameras`: of the scene, for lens distortion, None: unknown; `geometry`: None: no epipolar lines are drawn;
-    `numbered`: whether a tracker has the number of its target; `bottom`: whether lines are of the lowest points of
-    ellipses (feet), else of their centres.
+    Attributes:
+        views: the views.
+        cameras: camera of each view in the scene, for lens distortion; None: unknown.
+        geometry: epipolar geometry; None: no epipolar lines are drawn.
+        numbered: a tracker has the number of its target; otherwise the two numbers are unrelated.
+        bottom: epipolar lines are those of the lowest points of ellipses (feet); otherwise of their centres.
     """
 
     views: Sequence[TrackedView]
@@ -139,7 +148,7 @@ def _lines(
     Args:
         view: index of the view.
         tracks: its rows.
-        rows: of each view at this time.
+        rows: rows of each view at this time.
         rig: views and cameras.
         geometry: fundamental matrices.
     """

@@ -84,9 +84,9 @@ def _distance(
         axes: drawn on.
         data: running figures and time axis.
         target: its identity.
-        errors: of the target.
-        bound: of the target; None: unknown.
-        colour: of the target.
+        errors: errors of the target.
+        bound: bound of the target; None: unknown.
+        colour: colour of the target.
         buckets: number of sections to which lines are thinned.
     """
     time, figures = data.time, data.figures
@@ -142,7 +142,7 @@ def mark_clipped(
         t_ns: (n,) times [ns].
         values: (n,) values.
         top: upper edge of the axes.
-        unit: of the values.
+        unit: unit of the values.
         all_there: whether `values` are all, so that their number is stated.
     """
     over = np.flatnonzero(values > top)
@@ -173,11 +173,11 @@ def _axis_error(
     Args:
         axes: drawn on.
         data: time axis and unit.
-        errors: of the target.
-        bound: of the target; None: unknown.
-        tracks: of the target, with covariances; None: unknown.
+        errors: errors of the target.
+        bound: bound of the target; None: unknown.
+        tracks: tracks of the target, with covariances; None: unknown.
         name: `x`, `y` or `z`.
-        colour: of the target.
+        colour: colour of the target.
         buckets: number of sections to which lines are thinned.
     """
     # Columns alone: of a long run tables are large
@@ -218,7 +218,7 @@ def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str, b
         time: time axis.
         t_ns: (n,) times [ns].
         spread: (n,) two standard deviations.
-        colour: of the target.
+        colour: colour of the target.
         buckets: number of sections to which the band is thinned.
     """
     named = "± 2 standard deviations of the filter"

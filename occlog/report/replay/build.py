@@ -35,7 +35,14 @@ Layer = tuple[str, str, bool]
 
 @dataclass(frozen=True)
 class Peak:
-    """A large error: target, phrase that names it, size, and time [s since the start]."""
+    """A large error, to which the replay can be moved.
+
+    Attributes:
+        target: identity of the target.
+        kind: phrase that names the kind of error.
+        error: size of the error, in the unit of lengths.
+        seconds: time [s since the start].
+    """
 
     target: int
     kind: str

@@ -78,9 +78,9 @@ class Words:
         self._numbers: dict[str | None, int] = {}
 
     def numbers(self, texts: Iterable[Any], known: Bools | None = None) -> Ints:
-        """Return the number (N,) of each of N texts; new ones are added.
+        """Return the numbers (N,) of N texts in this table; texts that are new are added, in place.
 
-        Where `known` (N,) is False, it is that of None.
+        `known`: (N,) mask; where it is False the text is ignored, and the number is that of the entry None.
         """
         out = [
             self._numbers.setdefault(None if known is not None and not known[k] else str(text), len(self._numbers))

@@ -45,10 +45,17 @@ NAME_SIZE, NAME_PX = 0.3, 14.0
 
 @dataclass(frozen=True, eq=False)
 class PersonEstimate:
-    """Estimate of a target at one time, for drawing, in metres.
+    """Estimate of a target at one time, for drawing; lengths in metres.
 
-    `xy`: (2,) position on the floor; `covariance`: (2, 2), NaN: unknown; `floor`: height of the feet; `seen_by`:
-    sensors that detect the person, None: unknown; `quality_flags`: reasons why the estimate is unreliable, empty: none.
+    Attributes:
+        t_ns: time [ns].
+        target: identity.
+        xy: (2,) position on the floor.
+        covariance: (2, 2) covariance of the position; NaN: unknown.
+        floor: height (z) of the feet.
+        height, width: size of the body.
+        seen_by: names of the sensors that detect the person; None: unknown.
+        quality_flags: reasons why the estimate is unreliable; empty: none.
     """
 
     t_ns: int

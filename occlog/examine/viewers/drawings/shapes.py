@@ -32,7 +32,14 @@ SIGMAS_95 = float(np.sqrt(5.991))
 
 @dataclass(frozen=True)
 class Polyline:
-    """Polyline through points (k, 3) in the world or (k, 2) in an image; `dashed`: every other section is drawn."""
+    """Polyline of a drawing.
+
+    Attributes:
+        points: (k, 3) in the world [m] or (k, 2) in an image [px].
+        colour: red, green, blue and opacity.
+        width: width of the line.
+        dashed: every other section is drawn.
+    """
 
     points: Floats
     colour: Rgba
@@ -42,7 +49,14 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Upright cylinder with the middle of its base at `foot` (3,), all lengths in metres."""
+    """Upright cylinder; all lengths in metres.
+
+    Attributes:
+        foot: (3,) centre of its base.
+        width: diameter.
+        height: height above the base.
+        colour: red, green, blue and opacity.
+    """
 
     foot: Floats  # (3,) middle of its lower end
     width: float
@@ -60,7 +74,14 @@ class Fill:
 
 @dataclass(frozen=True)
 class Text:
-    """Text at a point (3,) of the world or (2,) of an image; `size` is its height."""
+    """Text of a drawing.
+
+    Attributes:
+        at: (3,) point in the world [m] or (2,) in an image [px].
+        words: the text.
+        size: height of the letters.
+        colour: red, green, blue and opacity.
+    """
 
     at: Floats
     words: str
@@ -78,7 +99,16 @@ class Dots:
 
 @dataclass(frozen=True)
 class DrawingGroup:
-    """Named group of shapes, such as all of one person."""
+    """Group of shapes with a common name, for example all shapes of one person.
+
+    Attributes:
+        name: name of the group.
+        lines: polylines.
+        columns: upright cylinders.
+        fills: filled areas.
+        texts: texts.
+        dots: points.
+    """
 
     name: str
     lines: Sequence[Polyline] = field(default=())

@@ -30,8 +30,7 @@ class RunComparisonStep(NamedTuple):
         t_ns: time [ns].
         a, b: track of the person in each run; None: the run has no track of the person then.
         distance: between both tracks; of a person without a partner, to the nearest track of the other run; NaN: the
-            other
-            run has no track then.
+            other run has no track then.
     """
 
     t_ns: int
@@ -41,9 +40,13 @@ class RunComparisonStep(NamedTuple):
 
 
 class DivergenceKind(NamedTuple):
-    """A kind of divergence with its first time step (None: it does not occur).
+    """A kind of divergence of two runs, and how often it occurs.
 
-    `frames`: number of frames in which it occurs; `rows`: number of occurrences, of all people.
+    Attributes:
+        name: name of the kind.
+        first: its first time step; None: it does not occur.
+        frames: number of frames in which it occurs.
+        rows: number of occurrences, of all people.
     """
 
     name: str
@@ -53,7 +56,12 @@ class DivergenceKind(NamedTuple):
 
 
 class DivergenceSegment(NamedTuple):
-    """Consecutive frames with a divergence: first and last time [ns], and the worst divergence in them."""
+    """Consecutive frames in which two runs diverge.
+
+    Attributes:
+        start_ns, end_ns: times of the first and the last frame [ns].
+        worst: the worst divergence in them.
+    """
 
     start_ns: int
     end_ns: int
@@ -132,7 +140,7 @@ def _kind(name: str, frames: Ints, step_at: Callable[[int], RunComparisonStep]) 
     """Return the divergence of one kind from its occurrences.
 
     Args:
-        name: of the kind.
+        name: name of the kind of divergence.
         frames: (n,) frame of each occurrence.
         step_at: makes the time step of the occurrence with an index below n.
     """
@@ -149,7 +157,7 @@ def _exchanges(
     Args:
         a: estimates of run A.
         b: estimates of run B.
-        pairs: of estimates in each frame.
+        pairs: estimates of the two runs paired in each frame.
         times: (T,) of the frames [ns].
         partners: partners over time of the tracks of A, and of those of B.
     """
@@ -177,7 +185,7 @@ def _of_one(own: AlignedEstimates, other: AlignedEstimates, times: Ints, row: in
         own: estimates of the person's run.
         other: estimates of the other run.
         times: (T,) of the frames [ns].
-        row: of the person in `own`.
+        row: row of the person's estimate in `own`.
         first: whether `own` is run A.
     """
     frame, label = int(own.frame[row]), int(own.label[row])
@@ -212,7 +220,7 @@ def _segment(
     Args:
         a: estimates of run A.
         b: estimates of run B.
-        pairs: of estimates in each frame.
+        pairs: estimates of the two runs paired in each frame.
         times: (T,) of the frames [ns].
         frames: first and last frame of the sequence.
     """

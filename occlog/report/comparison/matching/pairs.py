@@ -207,7 +207,13 @@ def _people(
 
 
 class Piece(NamedTuple):
-    """Interval in which one track is matched to a person: first and last time step [ns]."""
+    """Interval of time in which one track is matched to a person.
+
+    Attributes:
+        who: number of the person.
+        track: identity of the track.
+        start_ns, end_ns: first and last time step [ns].
+    """
 
     who: int
     track: int
@@ -216,7 +222,13 @@ class Piece(NamedTuple):
 
 
 class TrackChange(NamedTuple):
-    """Change of a person's track at a time step."""
+    """Change of the track that is matched to a person.
+
+    Attributes:
+        t_ns: time of the first step with the later track [ns].
+        who: number of the person.
+        before, after: identities of the earlier and the later track.
+    """
 
     t_ns: int
     who: int
@@ -259,12 +271,12 @@ def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, las
 def mutual_matches(
     a: AlignedEstimates, b: AlignedEstimates, pairs: RunPairs, times: Ints, lasting_ns: int
 ) -> tuple[MatchedRuns, MatchedRuns]:
-    """Intervals of B's tracks matched to each track of A, and vice versa.
+    """Return the intervals of B's tracks matched to each track of A, and vice versa.
 
     Args:
         a: run A in common frames.
         b: run B.
-        pairs: of them.
+        pairs: estimates of A and B paired in each frame.
         times: (T,) of the frames [ns].
         lasting_ns: shorter pieces are skipped.
     """
