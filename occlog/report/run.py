@@ -176,7 +176,10 @@ def _unit(paths: PageRequest, scene: Scene | None) -> str:
 
 
 def _made(paths: PageRequest, title: str) -> tuple[dict[str, object], tuple[Loss, ...], tuple[Verdict, ...]]:
-    """Return the provenance of this report and its inputs (JSON-ready), and losses and verdicts of the inputs."""
+    """Return the provenance of a report and of its inputs (JSON-ready), and losses and verdicts of the inputs.
+
+    `paths`: request with the inputs; `title`: heading of the page.
+    """
     from occlog.io.files.inputs import hash_inputs
     from occlog.io.files.provenance import Provenance
     from occlog.io.open import input_losses, open_if_ours

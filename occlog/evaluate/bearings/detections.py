@@ -433,7 +433,7 @@ def _sets(found: Doa, truth: Doa, gap_ns: int) -> Iterator[Pairing | None]:
 
     Args:
         found: estimated azimuths; rows of one time are a set.
-        truth: true azimuths, likewise.
+        truth: true azimuths; rows of one time are a set.
         gap_ns: largest difference in time of a set and its truth [ns].
     """
     times = np.unique(truth.t_ns)

@@ -227,7 +227,7 @@ class EvaluationChunk(NamedTuple):
         rows: estimates in the interval.
         truth: true positions in the interval, of all roles.
         targets: true path of each target by identity, in the interval and a margin around it.
-        tracks: path of each track by identity, likewise.
+        tracks: estimated path of each track by identity, in the same time span.
         times: (T,) distinct times of true targets in the interval [ns].
         limits: begin and end of the interval.
         sides: buffers of tracks and truth, for rows further around the interval.
@@ -249,7 +249,7 @@ class SegmentTables(NamedTuple):
         sides: buffers of the other tables, not read yet.
         margins_ns: margin of each of them.
         tracks_ns: margin of the tracks, if larger than the interpolated gap.
-        truth_ns: margin of the truth, likewise.
+        truth_ns: margin of the truth, if larger than the interpolated gap.
     """
 
     sides: Sequence[TableBuffer[Any]] = ()

@@ -28,9 +28,15 @@ from .paths import ExpectedMeasurement, ObjectPath, SensorGeometry
 class BearingErrors(NamedTuple):
     """Residuals of bearings, reported minus expected, each of the shape (N,) or (N, M); NaN where nothing was reported.
 
-    `px`: horizontal offset in the image [px]; `rad`: azimuth [rad]; `normalised`: over its standard deviation;
-    `elevation`, `elevation_normalised`: likewise of elevations. Of an array with elevations the azimuth is that about
-    its own z axis (to which its noise refers), if the height of the object is known.
+    Of an array with elevations the azimuth is that about its own z axis (to which its noise refers), if the height of
+    the object is known.
+
+    Attributes:
+        px: horizontal offset in the image [px].
+        rad: residual of the azimuth [rad].
+        normalised: residual of the azimuth over its standard deviation.
+        elevation: residual of the elevation [rad]; NaN without elevation or height.
+        elevation_normalised: residual of the elevation over its standard deviation.
     """
 
     px: Floats

@@ -268,7 +268,7 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
     Args:
         kind: type of both tables.
         a: chunks of the first table in the order of time; rows of one time may be in two chunks.
-        b: chunks of the second table, likewise.
+        b: chunks of the second table, in the order of time.
         slack_ns: rows up to this far apart [ns] are kept in one part, whichever table they are in.
 
     Raises:
@@ -508,7 +508,7 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
         name: name of the table or file.
         a: `schema` (name), `version`, `length_unit` and `columns`, a list of mappings with `name`, `type` and `unit`;
             other entries are not compared.
-        b: declaration of the second table, likewise.
+        b: declaration of the second table, with the same entries.
     """
     out = [
         RowDifference("schema", name, {}, entry, a=a.get(entry), b=b.get(entry))

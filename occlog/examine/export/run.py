@@ -401,7 +401,8 @@ def _write_boxes(
 def _output(path: Path, overwrite: bool, together: OutputGroup) -> Iterator[IO[bytes]]:
     """Context manager that yields the output as an open binary file, or standard output for `-`.
 
-    The file appears atomically with the others of the group, and is compressed if its name ends in .gz.
+    The file is compressed if its name ends in .gz, and appears when the block ends, together with the other files of
+    the group `together`. `overwrite`: replace a file that exists.
     """
     if path == STANDARD:
         yield sys.stdout.buffer

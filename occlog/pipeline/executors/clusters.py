@@ -281,5 +281,12 @@ def _number(value: str) -> object:
 
 
 def _each(work: Callable[[T], R], pieces: list[tuple[str, T]]) -> list[tuple[str, R | Lost]]:
-    """Return key and result of each task of a job; tasks run in subprocesses, so that a crash does not end the job."""
+    """Return key and result of each task of a job, or `Lost` for a task that crashed.
+
+    Tasks run one after the other in a subprocess, so that a crash does not end the job.
+
+    Args:
+        work: function of a task.
+        pieces: (key, task) of each task.
+    """
     return list(Processes(1).outcomes(dict(pieces), work))

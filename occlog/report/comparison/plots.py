@@ -90,7 +90,7 @@ def draw_errors(figure: FigureBase, time: TimeAxis, found: ErrorsOverTime, near:
 
 
 def draw_lives(figure: FigureBase, time: TimeAxis, lives: Sequence[PersonLifeline]) -> None:
-    """Draw two bars for each person, of run A above B, into a figure; the colour changes with the track."""
+    """Draw two bars for each person of `lives` into a figure, run A above B: a colour per track, a mark at changes."""
     axes = figure.add_subplot()
     for index, life in enumerate(lives):
         for letter, pieces, offset in (("A", life.a, 0.21), ("B", life.b, -0.21)):

@@ -317,7 +317,10 @@ class MetricValue(NamedTuple):
 
 
 def number(value: Value) -> str:
-    """Return a value as text: about four digits and thousands separators; a dash for NaN and None."""
+    """Return a value as text: four significant digits, integers in full with thousands separators.
+
+    NaN and None are a dash, infinity is a sign, bools are yes or no, and texts are unchanged.
+    """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
     if isinstance(value, bool | np.bool_):
