@@ -93,10 +93,9 @@ class CooperationCounts:
 
         Returns:
             `cooperation_requests` (one for each target and time), `cooperation_answered`, `cooperation_shared` (rows of
-                this
-            cause are no requests, but positions that came along with others), `cooperation_frames`,
-                `cooperation_period_s`
-            (NaN if unknown), and `cooperation_requests_CAUSE`; a request with several causes counts for each.
+            this cause are no requests, but positions that came along with others), `cooperation_frames`,
+            `cooperation_period_s` (NaN if unknown), and `cooperation_requests_CAUSE`; a request with several causes
+            counts for each.
         """
         first, last = tracked or self._span or (0, 0)
         count, causes = (self._times if tracked else self._times - 1), self._causes

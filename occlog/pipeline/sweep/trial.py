@@ -64,10 +64,8 @@ def run_trial(spec: Spec) -> dict[str, float]:
     Returns:
         `rmse`, `mean_error`, `max_error` (length unit), `lost` (share of estimates more than a fifth of the room away),
         `estimates`, `rmse_occ` (of the priors' means; NaN without priors), `mean_ess`, `sir` and `restart` (scans with
-            that
-        fallback), `messages`, `bytes`, `predicted_mse` (mean; NaN without selection), and `track_seconds` (processor
-            time;
-        differs from run to run).
+        that fallback), `messages`, `bytes`, `predicted_mse` (mean; NaN without selection), and `track_seconds`
+        (processor time; differs from run to run).
 
     Raises:
         InputError, UsageError: invalid values.
