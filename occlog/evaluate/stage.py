@@ -192,7 +192,7 @@ class Evaluator:
 
         Raises:
             InputError: a sensor is held out, and there are no tracks, or neither bearings nor boxes; the truth has
-                rows, and none of a target.
+                rows, but none of a target; or too many targets and tracks exist at the same time.
         """
         if config.held_out and (sources.tracks is None or (sources.bearings is None and sources.boxes is None)):
             raise InputError(

@@ -246,9 +246,13 @@ class GroundFigures:
         }
 
     def _trajectory(self, cells: int, unit: str) -> Metrics:
-        """Return OSPA(2), and the trajectory GOSPA averaged over `cells` frames, with their parts, by name.
+        """Return OSPA(2) and trajectory GOSPA with their parts, by name; GOSPA is averaged over the frames.
 
-        `unit`: unit of lengths, in the names.
+        If sliding windows are configured, OSPA(2) in windows is averaged over the frames, too.
+
+        Args:
+            cells: number of frames.
+            unit: unit of lengths, in the names.
         """
         whole = self._ospa2.result()
         out: Metrics = {

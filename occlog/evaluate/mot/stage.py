@@ -72,7 +72,7 @@ class AssignedTargets:
         self._met: Counter[tuple[int, int]] = Counter()
 
     def update(self, truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints) -> None:
-        """Add the rows of a further part, in the order of time.
+        """Add the rows of a further part, in the order of time; nothing is needed if tracks are assigned by identity.
 
         Args:
             truth: n points.

@@ -32,9 +32,9 @@ class Tolerances:
     """Tolerances of a comparison; integers and labels are compared exactly unless their column is named.
 
     Attributes:
-        default: for every fractional number that no other entry names.
-        columns: by `column` or `table.column` (or the last key of a JSON path).
-        units: by unit, e.g. `rad` or `m`; those of lengths are converted for tables in other length units.
+        default: tolerance of every fractional number that no other entry names.
+        columns: tolerances by `column` or `table.column` (or the last key of a JSON path).
+        units: tolerances by unit, e.g. `rad` or `m`; those of lengths are converted for tables in other length units.
         time_ns: rows with times that differ by at most this are the same row [ns].
     """
 

@@ -155,8 +155,8 @@ class RunComparisonReplay:
     Attributes:
         json: input of the script, safe inside a `<script>` element.
         words: sentences about what is shown and what is skipped.
-        people: what can be switched off: name, number, index of the colour (-1: none).
-        layers: what else can be switched off.
+        people: people that the reader can switch off: name, number, and index of the colour (-1: none).
+        layers: parts of the drawing that the reader can switch off.
     """
 
     json: str

@@ -127,7 +127,7 @@ LIFTED = 0.01
 
 
 def plan(scene: Scene, metres: float) -> list[DrawingGroup]:
-    """Return the shapes of the floor plan [m]: room, occluders, sensors.
+    """Return the shapes of the floor plan [m]: room, static occluders, and sensors with a known pose.
 
     `metres`: metres per length unit of the scene.
     """

@@ -237,12 +237,12 @@ class TrackChange(NamedTuple):
 
 
 class MatchedRuns(NamedTuple):
-    """Sections and changes of all people.
+    """Tracks matched to each person over time: intervals, and changes between them.
 
     Attributes:
-        pieces: in the order of `who` and time.
-        changes: in the order of time.
-        passing: changes of track that last less than is reported, and are skipped of pieces.
+        pieces: intervals in which one track is matched, sorted by person and time.
+        changes: changes of track that are reported, in the order of time.
+        passing: number of changes to tracks that are matched too shortly to be reported.
     """
 
     pieces: tuple[Piece, ...]
