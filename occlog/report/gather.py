@@ -371,7 +371,7 @@ class StreamedTable(Generic[T]):
         return sum(len(chunk) for chunk in self.chunks()) if self.of_file is None else self.of_file[0]
 
     def may_have(self, column: str) -> bool:
-        """Whether the table may have the column: its type, or its file, declares it."""
+        """Return whether the table may have the column: its type, or its file, declares it."""
         known = {each.name for each in self.kind.columns()} if self.of_file is None else self.of_file[1]
         return column in known
 

@@ -217,8 +217,8 @@ class FrameResult(NamedTuple):
 def box_classes(boxes: Floats) -> Ints:
     """Return the class (n,) of each true box (n, 4: left, top, width, height) of one frame.
 
-    `HIDDEN` if a nearer box (with a lower edge) covers more than `SHARED` of it, `FRONT` if another box does, else
-    `CLEAR`.
+    `HIDDEN` if a nearer box (with its bottom edge lower in the image) covers more than `SHARED` of it, `FRONT` if
+    another box does, else `CLEAR`.
     """
     area = np.prod(boxes[:, 2:], axis=1)
     cover = intersection_areas(boxes, boxes) / area[:, None]  # [i, j]: share of i that j covers
@@ -392,7 +392,7 @@ class Pairing(NamedTuple):
 
 
 def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, float]:
-    """Figures of directions of arrival over all sets, and by number of true directions; angles in degrees.
+    """Return figures of directions of arrival over all sets and by number of true directions; angles in degrees.
 
     A set is all azimuths of one sensor at one time. In each set estimates and true azimuths are paired one to one by
     the least sum of 1 - cos(error): unlike the sum of absolute errors, which has several minima if an estimate is far

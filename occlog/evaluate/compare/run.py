@@ -310,7 +310,7 @@ def _check_clocks(run: ComparedRun, tracks: Ints, truth: Ints) -> None:
 
 
 def _same(a: Truth, b: Truth) -> bool:
-    """Whether two truths have the same rows, in the same order."""
+    """Return whether two truths have the same rows, in the same order."""
     if len(a) != len(b):
         return False
     columns = ((getattr(a, c.name), getattr(b, c.name)) for c in Truth.columns())

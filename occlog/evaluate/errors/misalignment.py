@@ -95,7 +95,7 @@ class DelaySums:
                 self._windows[window // 2] = self._windows.get(window // 2, 0.0) + row
 
     def estimate(self) -> Delay | None:
-        """Estimated delay; None with fewer than `MIN_WINDOWS` intervals, or targets of constant velocity."""
+        """Return the estimated delay; None with fewer than `MIN_WINDOWS` intervals, or targets of constant velocity."""
         sums = np.array([self._windows[k] for k in sorted(self._windows)]).reshape(-1, 8)
         if len(sums) < MIN_WINDOWS:
             return None

@@ -213,7 +213,7 @@ class ErrorFigures:
         self._bias["z"].add(float(high.error_z.sum()))
 
     def result(self) -> Metrics:
-        """Figures over all targets, then for each target."""
+        """Return the figures over all targets, then for each target, by name."""
         unit, targets = self._unit, dict(sorted(self._targets.items()))
         out = _accuracy(add_sums(t.squares for t in targets.values()), unit, "")
         out |= self._spread.result("error", unit)

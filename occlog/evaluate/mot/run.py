@@ -218,7 +218,7 @@ def _benchmark(truth: Path, config: MultiTargetConfig, text: bool) -> str:
 
 
 def has_no_rows(path: Path) -> bool:
-    """Whether a text file has no data line: nothing was tracked, or no target is present."""
+    """Return whether a text file has no data line: nothing was tracked, or no target is present."""
     return path.stat().st_size == 0 or not first_line(path, "MOTChallenge text")
 
 

@@ -270,7 +270,8 @@ def _disjoint_sensors(clocks: Sequence[SensorTimes]) -> Iterator[SensorTimes]:
 def _late(clocks: Iterable[SensorTimes]) -> Iterator[tuple[SensorTimes, int]]:
     """Generate each regular sensor with times that are all shifted against others of its rate, and the shift [ns].
 
-    Negative: early. Sensors must have the same number of times. Of two sensors the later one is reported.
+    Negative: early. Only sensors with numbers of times that differ by at most 1 are compared. Of two sensors the later
+    one is reported.
     """
     regular = [(clock, usual) for clock in clocks if (usual := clock.usual_ns) is not None]
     for clock, usual in regular:

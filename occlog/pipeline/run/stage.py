@@ -288,8 +288,8 @@ def places_of(argument: str) -> list[Path]:
 def files_of(argument: str) -> list[Path]:
     """Return the files that a text names, with files that are read along with them.
 
-    These are, for a recording the linked videos, for a network its weights, for folders with labels their class names;
-    for a folder all its files.
+    Of a folder these are all its files. Files read along are the linked videos of a recording, the weights of a
+    network, and the class names of a folder with labels.
     """
     found: dict[Path, None] = {}
     for path in places_of(argument):

@@ -342,7 +342,7 @@ def _of_figures(found: RunComparisonPage) -> list[str]:
 
 
 def first_divergence(found: RunComparisonPage) -> str:
-    """Sentence about the first divergence of the runs."""
+    """Return a sentence about the first divergence of the runs."""
     first, measure = found.frame_divergences.first, f"{number(found.tolerance)} {found.unit}"
     if first is None:
         return (

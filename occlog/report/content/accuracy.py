@@ -127,7 +127,7 @@ class ErrorsAgainstBound:
         )
 
     def smooths(self, target: int) -> bool:
-        """Whether the smoothing bound of a target is known at all times."""
+        """Return whether the smoothing bound of a target is known at all times."""
         return target in self._targets and self._targets[target].smoothed
 
 

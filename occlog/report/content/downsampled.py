@@ -258,7 +258,7 @@ class ErrorsSoFar:
         return out
 
     def rmse(self, target: int | None = None) -> float:
-        """RMSE of a target on the ground (None: of all); NaN without errors."""
+        """Return the RMSE of a target on the ground (None: of all); NaN without errors."""
         own = self._of(target)
         return _root(sum(t.squares.value for t in own), sum(t.rows for t in own))
 

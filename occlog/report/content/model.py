@@ -153,7 +153,7 @@ class ReportInput:
         return self.figures.whole
 
     def rows(self, name: str) -> int:
-        """Number of rows of a given table, whether drawn or not."""
+        """Return the number of rows of a given table, whether drawn or not."""
         return self.whole[name].rows
 
     def drawn(self, *names: str) -> str:

@@ -56,7 +56,7 @@ class LostFrames:
             return None
 
     def is_lost(self, sensor: str, index: int) -> bool:
-        """Whether the frame with this index of a camera could not be decoded."""
+        """Return whether the frame with this index of a camera could not be decoded."""
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
