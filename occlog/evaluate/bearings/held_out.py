@@ -146,7 +146,7 @@ class HeldOutFigures:
 
 
 def frames_of(rows: Bearings) -> HeldOutFrames:
-    """Group the bearings of one sensor by time, as arrays (frames, most in a frame) that are filled with NaN."""
+    """Return the detections of one sensor grouped by time: arrays (F, M) for F frames with up to M each, NaN-padded."""
     times, frame = np.unique(rows.t_ns, return_inverse=True)
     seen = np.flatnonzero(rows.seen)
     count = np.bincount(frame[seen], minlength=len(times))

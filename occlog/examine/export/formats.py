@@ -24,8 +24,8 @@ class ExportFormat:
     """An export format.
 
     Attributes:
-        endings: endings of file names that select this format; none: it must be named.
-        tables: names of the tables that it can hold; the first that an input has is exported; none: any.
+        endings: endings of file names that select this format; empty: it must be named.
+        tables: names of the tables that it can hold; the first that an input has is exported; empty: any.
         doc: description in one line.
         viewer: whether it holds all data of a run folder or a recording for a viewer, and is no table.
         cameras: whether it holds the cameras of a scene, and is no table.

@@ -137,7 +137,7 @@ class ExportRequest:
         output: the file; `-`: standard output.
         to: name of the format; None: by the ending of the output.
         table: name of the table in a recording; None: the first that the format can hold.
-        targets: identities to export; none: all.
+        targets: identities to export; empty: all.
         camera: camera of the boxes; None: the only one.
         origin: position of the scene's origin on earth; None: not given.
         scene: scene file, for the sizes of images; None: that of the recording.

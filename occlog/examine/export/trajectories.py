@@ -53,7 +53,7 @@ def check_targets(chunks: Iterable[Tracks | Truth], targets: tuple[int, ...]) ->
 
     Args:
         chunks: chunks of the table.
-        targets: identities to export; none: all.
+        targets: identities to export; empty: all.
 
     Raises:
         InputError: there are none, or one of `targets` is missing.
@@ -79,7 +79,7 @@ def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> ExportedPositi
 
     Args:
         table: rows in any order.
-        targets: identities to export; none: all.
+        targets: identities to export; empty: all.
     """
     used = _used(table)
     used = used & np.isin(table.target_id, targets) if targets else used

@@ -83,7 +83,7 @@ def read_config(path: Path, sources: tuple[str, ...] = SOURCES) -> Config:
 
     Args:
         path: the file.
-        sources: keys of which it must have exactly one; none: it must have no source of recordings.
+        sources: keys of which it must have exactly one; empty: it must have no source of recordings.
     """
     values = read_yaml(path, dict, "a run configuration (YAML)")
     for key in values:
