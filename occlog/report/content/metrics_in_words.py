@@ -39,7 +39,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Table with a figure per column, and a target, sensor or kind of box per row."""
+    """Table with a column for each figure, and a row for each target, sensor or kind of box; cells are text.
+
+    Attributes:
+        kind: kind of the rows: `target`, `sensor` or `boxes`.
+        columns: names of the figures.
+        rows: name of each row, and its cells.
+    """
 
     kind: str
     columns: tuple[str, ...]
@@ -48,7 +54,13 @@ class Breakdown:
 
 @dataclass
 class MetricGroup:
-    """Related figures under a title: overall ones, and tables by target or sensor."""
+    """Related figures of the report.
+
+    Attributes:
+        title: heading of the group.
+        figures: overall figures.
+        breakdowns: tables of figures by target, sensor or kind of box.
+    """
 
     title: str
     figures: list[Figure] = field(default_factory=list)
@@ -76,7 +88,10 @@ class MetricValue(NamedTuple):
 
 
 def number(value: Value) -> str:
-    """Format a number with about four digits and thousands separators; a dash for NaN and None."""
+    """Return a value as text: four significant digits, integers in full with thousands separators.
+
+    NaN and None are a dash, infinity is a sign, bools are yes or no, and texts are unchanged.
+    """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
     if isinstance(value, bool | np.bool_):
@@ -90,9 +105,10 @@ def number(value: Value) -> str:
 
 
 def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
-    """Group all metrics in the order of the vocabulary; unknown ones last, under their own names.
+    """Return all metrics in groups with titles, in the order of the vocabulary.
 
-    Accuracy without an error has counts alone: these are with the figures of many targets, or left out.
+    Unknown ones last, under their own names. If there are no errors of position, counts of the group "Accuracy" go to
+    the figures of many targets, or are left out.
     """
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {metric.name: n for n, metric in enumerate(METRICS)}
@@ -112,9 +128,9 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
-    """Return the entries of nested mappings `values` with dotted paths that begin with `prefix`.
+    """Return the entries of nested mappings as a list of (path, value), with keys joined by dots after `prefix`.
 
-    Provenance (names that begin with `_`), the verdict and the kind of identities are left out.
+    Provenance (names that begin with `_`), the verdict, and the flag of independent identities are left out.
     """
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
@@ -163,7 +179,7 @@ def _unit(value: MetricValue, length_unit: str) -> str:
 
 
 def _shown(value: MetricValue) -> str:
-    """Format a value for people: shares in per cent, angles in degrees."""
+    """Return a metric's value as text in the unit for readers: shares in per cent, angles in degrees."""
     figure = value.value
     if isinstance(figure, int | float | np.number) and not isinstance(figure, bool):
         if value.metric.unit == SHARE:
