@@ -9,10 +9,12 @@ import pytest
 from jipda_reference import outline_of
 
 from occlog.array_types import Floats
+from occlog.core.geometry.lens import distort
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.methods.jipda.kernels.body_box import (
     MIN_DEPTH_HEIGHTS,
     box_and_slope,
+    distorted,
     expected_box,
     pack_views,
     project,
@@ -72,6 +74,23 @@ def test_a_lens_moves_the_points_of_contact(lens: str) -> None:
     expected_box(pack_views([view]).lens[0], 1.0, 1.0, 1.7, 0.5, box)
     # The points of contact of the distorted outline are others by little
     np.testing.assert_allclose(box, sampled(view, 1.0, 1.0, 1.7, 0.5), atol=0.5)
+
+
+@pytest.mark.parametrize("lens", ["brown", "tsai", "fisheye", "opencv"])
+def test_a_point_is_distorted_as_by_the_scenes_lens_and_in_a_straight_line_beyond_its_limit(lens: str) -> None:
+    packed, (coefficients, model) = pack_views([camera(lens)]).lens[0], LENSES[lens]
+    limit = min(packed[22], 5.0)
+    packed[22] = limit
+    for turn in np.linspace(0.0, 2.0 * np.pi, 7):
+        ray = np.array([np.cos(turn), np.sin(turn)])
+        edge = distort(limit * ray[None], coefficients, model)[0]
+        for radius in (0.2, 0.5, 0.999 * limit):
+            wanted = distort(radius * ray[None], coefficients, model)[0]
+            np.testing.assert_allclose(distorted(packed, *(radius * ray)), wanted, atol=1e-7)
+        np.testing.assert_allclose(distorted(packed, *(1.5 * limit * ray)), edge + 0.5 * limit * ray, atol=1e-7)
+    np.testing.assert_allclose(
+        distorted(packed, 0.0, 0.0), distort(np.zeros((1, 2)), coefficients, model)[0], atol=1e-12
+    )
 
 
 def test_a_lens_does_not_turn_back_outside_the_image() -> None:

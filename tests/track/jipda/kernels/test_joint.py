@@ -12,7 +12,9 @@ from occlog.track.methods.jipda.kernels.body_box import box_and_slope, pack_view
 from occlog.track.methods.jipda.kernels.detections import (
     DetectorModel,
     PackedDetections,
+    add_axis_precision,
     add_precision,
+    biased,
     edge_noise,
     interpolate,
     log_clutter,
@@ -174,10 +176,45 @@ def test_densities_are_those_of_the_edges_in_use(use: tuple[int, ...]) -> None:
     assert not W[~keep].any()
 
 
+def test_a_detectors_bias_is_in_heights_and_in_shares_of_the_size() -> None:
+    box = np.empty(4)
+    biased(np.array([100.0, 50.0, 160.0, 250.0]), np.array([0.01, 0.1, -0.02, 0.05]), box)
+    np.testing.assert_allclose(box, [132.0 - 33.0, 146.0 - 105.0, 132.0 + 33.0, 146.0 + 105.0])
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_precision_of_an_axis_is_weighted_by_what_is_observed_of_it(axis: int) -> None:
+    R, at = np.empty((4, 4)), [axis, axis + 2]
+    edge_noise(np.array([100.0, 50.0, 160.0, 250.0]), rates(), 1.0, R)
+    for low, high, wanted in (
+        (True, True, 0.7 * np.linalg.inv(R[np.ix_(at, at)])),
+        (True, False, np.diag([0.3 / R[axis, axis], 0.0])),
+        (False, True, np.diag([0.0, 0.5 / R[axis, axis]])),
+        (False, False, np.zeros((2, 2))),
+    ):
+        W = np.ones((4, 4))
+        add_axis_precision(R, axis, low, high, 0.3, 0.5, 0.7, W)
+        np.testing.assert_allclose(W[np.ix_(at, at)], 1.0 + wanted, rtol=1e-12)
+        assert W.sum() == pytest.approx(16.0 + wanted.sum())
+
+
+@pytest.mark.parametrize("common", [0.0, 0.05])
+def test_all_frames_may_miss_a_person_at_once(common: float) -> None:
+    """A miss by all is a likelihood ratio of `common`; else that of the frame, here 1 - 0.9 of a missed detection."""
+    known = rates()._replace(common_miss=common)
+    result = after(boxes(), existence=0.8, known=known)
+    frame, every = (1.0 - common) * 0.1, common
+    assert result.missed[0] == pytest.approx(every / (frame + every), rel=1e-12)
+    assert result.existence[0] == pytest.approx(0.8 * (frame + every) / (0.8 * (frame + every) + 0.2))
+
+
 def test_the_density_of_no_person_counts_the_edges_in_use() -> None:
     box, every = np.array([10.0, 20.0, 60.0, 120.0]), np.ones(4, dtype=bool)
     size = np.log(20.0)
     assert log_clutter(box, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 50.0 * 100.0 * size**2))
+    assert log_clutter(box, ~every, 640.0, 480.0) == 0.0
+    narrow = np.array([10.0, 20.0, 10.5, 21.5])
+    assert log_clutter(narrow, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 1.0 * 1.5 * size**2))
     assert log_clutter(box, np.array([True, True, True, False]), 640.0, 480.0) == pytest.approx(
         -np.log(640.0 * 480.0 * 50.0 * size)
     )
