@@ -113,7 +113,7 @@ def test_arrivals_are_expected_within_four_deviations_of_where_people_came_from(
 
 def test_the_line_of_sight_of_a_pixel_meets_a_plane_in_the_point_that_projects_to_it() -> None:
     camera, rng, found = cameras_around(4, 10.0, 8.0)[2], np.random.default_rng(0), np.empty(2)
-    views = VIEWS._replace(focal=VIEWS.focal * [1.0, 1.1], principal=VIEWS.principal + [5.0, -9.0])
+    views = VIEWS._replace(focal=VIEWS.focal * [1.0, 1.1], principal=VIEWS.principal + np.array([5.0, -9.0]))
     for x, y, z in rng.uniform([2.0, 2.0, 0.0], [8.0, 6.0, 1.0], (5, 3)):
         q = camera.rotation.T @ (np.array([x, y, z]) - camera.position)
         u, v = views.focal[2] * q[:2] / q[2] + views.principal[2]
