@@ -148,13 +148,12 @@ def passes(folder: Path, tests: list[str], jit: bool, limit_s: float) -> bool:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
-def ordered(tests: list[str], module: Path) -> list[str]:
-    """The files of the tests, those first that name the module."""
-    files = [
-        file for test in map(Path, tests) for file in ([test] if test.is_file() else sorted(test.rglob("test_*.py")))
-    ]
-    name = re.compile(rf"\b{module.stem}\b")
-    return sorted(map(str, files), key=lambda file: name.search(Path(file).read_text(encoding="utf-8")) is None)
+def ordered(folder: Path, tests: list[str], module: Path) -> list[str]:
+    """The files of the tests in the copy, those first that name the module."""
+    named = re.compile(rf"\b{module.stem}\b")
+    given = (folder / test for test in tests)
+    files = [file for test in given for file in ([test] if test.is_file() else sorted(test.rglob("test_*.py")))]
+    return sorted(map(str, files), key=lambda file: named.search(Path(file).read_text(encoding="utf-8")) is None)
 
 
 def options_of(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -188,7 +187,7 @@ def main() -> None:
         tried = noticed = 0
         for file, numbers in chosen.items():
             module = file.relative_to(ROOT)
-            source, tests = file.read_text(encoding="utf-8"), ordered(options.tests, module)
+            source, tests = file.read_text(encoding="utf-8"), ordered(folder, options.tests, module)
             for line, before, after, text in mutants(source, numbers):
                 tried += 1
                 write(folder / module, text, tried)
