@@ -26,7 +26,7 @@ LENSES = {
     "tsai": (np.array([0.06, 0.0, 0.0, 0.0, 0.0]), "tsai"),
     "fisheye": (np.array([-0.02, 0.03, -0.02, 0.004, 0.0]), "equidistant"),
     "opencv": (
-        np.array([0.5, -0.3, 0.001, -0.002, 0.02, 0.75, -0.35, 0.01, 0.01, -0.002, -0.008, 0.003, 0.04, -0.03]),
+        np.array([0.5, -0.3, 0.001, -0.002, 0.02, 0.75, -0.35, 0.015, 0.01, -0.002, -0.008, 0.003, 0.04, -0.03]),
         "opencv",
     ),
 }
@@ -145,6 +145,10 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
     assert expected_box(views.lens[0], nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
     assert expected_box(views.lens[0], nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
     assert expected_box(views.lens[0], -3.0, 0.0, 1.7, 0.5, box) == -1.0
+    # Half a step of the difference quotients before it has a box and no slope
+    for x, depth in ((nearest + 1e-3, nearest + 1e-3), (nearest + 1e-4, -1.0), (nearest - 1e-4, -1.0)):
+        state = np.array([x, 0.0, 0.0, 0.0, 1.7, 0.5])
+        assert box_and_slope(views.lens[0], state, 0.0, box, np.empty((4, 6))) == pytest.approx(depth)
 
 
 @pytest.mark.parametrize("lens", ["ideal", "brown"])

@@ -139,13 +139,26 @@ def test_a_likelihood_is_a_mixture_with_a_wide_part_for_manoeuvres(tail: float) 
         assert rare.ratio.any() == some
 
 
+def after_a_box(made: PackedDetections) -> PackedDetections:
+    """The positions after a frame of the camera with one box."""
+    return PackedDetections(
+        np.array([0, 1]), np.zeros(2), np.append(0, made.first + 1),
+        np.concatenate([[[100.0, 100.0, 150.0, 250.0]], made.box]), np.concatenate([[4 * [True]], made.usable]),
+        np.append(0.0, made.clutter), np.concatenate([[3 * [np.nan]], made.covariance]), np.append(0.0, made.tail),
+    )  # fmt: skip
+
+
 def test_the_update_is_probabilistic_data_association() -> None:
-    """One target, one frame: beta_j = P_D l_j / (1 + b) / (1 - P_D + sum); moments of the mixture of Kalman updates."""
+    """One target: beta_j = P_D l_j / (1 + b) / (1 - P_D + sum); moments of the mixture of Kalman updates.
+
+    A frame of a camera that the target is hidden from comes first, and changes nothing.
+    """
     at, new, existence = np.array([[4.1, 3.2], [4.4, 2.7]]), 0.25, np.array([0.7])
-    made, features = positions(at, 0.3), FEATURES[:, :2].copy()
+    made, features, hidden = positions(at, 0.3), FEATURES[:, :2].copy(), np.array([[1.0, 0.1]])
     got = update_targets(
-        STATE[None], P[None], existence, VIEWS, made, RATES, features, new, 30.0, np.array([[0.0, 0.1]])
-    )
+        STATE[None], P[None], existence, VIEWS, after_a_box(made), RATES, np.append(0.0, features)[None], new, 30.0,
+        hidden,
+    )  # fmt: skip
     box, spread, H = np.tile(STATE[:2], 2)[None], np.zeros((1, 4, 4)), np.eye(2, 6)
     spread[0, :2, :2] = P[:2, :2]
     area, detection = float(VIEWS.size[1].prod()), 0.8 * 0.9
@@ -154,10 +167,10 @@ def test_the_update_is_probabilistic_data_association() -> None:
     ).ratio[0]  # fmt: skip
     evidence = 1.0 - detection + detection * ratio.sum() / (1.0 + new)
     beta = detection * ratio / (1.0 + new) / evidence
-    np.testing.assert_allclose(got.beta[0], beta, rtol=1e-9)
+    np.testing.assert_allclose(got.beta[0], np.append(0.0, beta), rtol=1e-9)
     np.testing.assert_allclose(got.existence, existence * evidence / (1.0 - existence + existence * evidence))
-    assert got.visible[0, 0] == 1.0
-    assert got.detection[0, 0] == pytest.approx(detection)
+    assert got.visible[1, 0] == 1.0
+    np.testing.assert_allclose(got.detection[:, 0], [0.0, detection])
     mean, second = (1.0 - beta.sum()) * STATE, (1.0 - beta.sum()) * (P + np.outer(STATE, STATE))
     for j in range(2):
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + covariance_of(made, j))
