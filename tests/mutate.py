@@ -174,7 +174,7 @@ def main() -> None:
     """Try the changes, and print those that no test notices."""
     options = options_of()
     os.chdir(ROOT)
-    os.environ |= {"PYTHONDONTWRITEBYTECODE": "", "NUMBA_DISABLE_JIT": "" if options.jit else "1"}
+    os.environ |= {"PYTHONDONTWRITEBYTECODE": "", "NUMBA_DISABLE_JIT": str(int(not options.jit))}
     for library in LIBRARIES:
         import_module(library)
     chosen, places = drawn(ROOT / options.modules, options.count, options.seed)

@@ -12,7 +12,7 @@ from random_frames import Scene, random_scene
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.track.methods.jipda.interface import PositionSource
-from occlog.track.methods.jipda.kernels.body_box import LENS, cover_positions, pack_views
+from occlog.track.methods.jipda.kernels.body_box import cover_positions, pack_views
 from occlog.track.methods.jipda.kernels.lasting_errors.body_bias import body_bias_shift
 from occlog.track.methods.jipda.kernels.lasting_errors.camera_disagreement import camera_disagreement
 from occlog.track.methods.jipda.kernels.lasting_errors.clock_residuals import clock_residuals
@@ -194,31 +194,40 @@ def test_normal_equations_of_clocks_eliminate_the_delay_of_each_track(seed: int)
     np.testing.assert_allclose(normal, wanted, rtol=1e-4, atol=1e-5 * np.abs(wanted).max())
 
 
-def test_a_bias_of_the_body_shifts_by_those_cameras_that_have_the_centre_in_range_and_image() -> None:
-    s = random_scene(1)
-    for views in (
-        s.views._replace(range=np.array([100.0, 0.1, 100.0])),
-        s.views._replace(size=np.array([[1280.0, 720.0], [1280.0, 1.0], [1280.0, 720.0]])),
-        s.views._replace(size=np.array([[1280.0, 720.0], [1.0, 720.0], [1280.0, 720.0]])),
-        s.views._replace(lens=s.views.lens - 4e3 * np.eye(3)[1][:, None] * (np.arange(LENS) == 14)),
-        s.views._replace(lens=s.views.lens - 4e3 * np.eye(3)[1][:, None] * (np.arange(LENS) == 15)),
-    ):
-        got, share = body_bias_shift(s.mean, s.covariance, views, s.rates)
-        for i, state in enumerate(s.mean):
-            A, b = np.diag([0.0, 0.0, 1.0 / s.covariance[i, 4, 4], 1.0 / s.covariance[i, 5, 5]]), []
-            for c in (0, 2):
-                seen = textbook.predicted(s.cameras[c], state, np.eye(6), 0.0, s.detectors[c])
-                assert seen is not None
-                H = TO_ERRORS @ seen.H[:, POSITION_AND_BODY]
-                R = TO_ERRORS @ textbook.edge_covariance(seen.outline, s.detectors[c], 1.0) @ TO_ERRORS.T
-                centre = 0.5 * (seen.outline[:2] + seen.outline[2:])
-                if (centre > 0.0).all() and (centre < [1280.0, 720.0]).all():
-                    A = A + H.T @ np.linalg.solve(R, H)
-                    b.append(H[2] / R[2, 2] * (seen.outline[3] - seen.outline[1]))
-            shifts = np.array([np.linalg.solve(A, each)[:2] for each in b]).reshape(-1, 2)
-            np.testing.assert_allclose(got[i], shifts.sum(axis=0), rtol=1e-4, atol=1e-7)
-            total = np.hypot(*shifts.T).sum()
-            assert share[i] == pytest.approx(math.hypot(*got[i]) / total if total > 0.0 else 1.0, rel=1e-4)
+@pytest.mark.parametrize("limit", ["range", "width", "height", "left", "top"])
+@pytest.mark.parametrize("beyond", [-1.0, 1.0])
+def test_a_bias_of_the_body_shifts_by_cameras_with_the_centre_in_range_and_image(limit: str, beyond: float) -> None:
+    """Camera 1 has the box of the first person just within the limit, or just beyond it."""
+    s, c = random_scene(1), 1
+    size, reach, moved = np.full((3, 2), [1280.0, 720.0]), np.full(3, 100.0), np.zeros((3, 2))
+    outline = textbook.outline_of(s.cameras[c], s.mean[0], 0.0)
+    middle = 0.5 * (outline[:2] + outline[2:])
+    if limit == "range":
+        reach[c] = np.hypot(*(s.mean[0, :2] - s.cameras[c].position[:2])) - 1e-3 * beyond
+    elif limit in ("width", "height"):
+        size[c, int(limit == "height")] = middle[int(limit == "height")] - beyond
+    else:
+        moved[c, int(limit == "top")] = -middle[int(limit == "top")] - beyond
+    lens = s.views.lens.copy()
+    lens[:, 14:16] += moved
+    got, share = body_bias_shift(s.mean, s.covariance, s.views._replace(size=size, range=reach, lens=lens), s.rates)
+    for i, state in enumerate(s.mean):
+        A, b, used = np.diag([0.0, 0.0, 1.0 / s.covariance[i, 4, 4], 1.0 / s.covariance[i, 5, 5]]), [], []
+        for k, camera in enumerate(s.cameras):
+            seen = textbook.predicted(camera, state, np.eye(6), 0.0, s.detectors[k])
+            assert seen is not None
+            H = TO_ERRORS @ seen.H[:, POSITION_AND_BODY]
+            R = TO_ERRORS @ textbook.edge_covariance(seen.outline, s.detectors[k], 1.0) @ TO_ERRORS.T
+            at, away = 0.5 * (seen.outline[:2] + seen.outline[2:]) + moved[k], state[:2] - camera.position[:2]
+            if (at > 0.0).all() and (at < size[k]).all() and np.hypot(*away) < reach[k]:
+                used.append(k)
+                A = A + H.T @ np.linalg.solve(R, H)
+                b.append(H[2] / R[2, 2] * (seen.outline[3] - seen.outline[1]))
+        assert i > 0 or (c in used) == (beyond < 0.0)
+        shifts = np.array([np.linalg.solve(A, each)[:2] for each in b]).reshape(-1, 2)
+        np.testing.assert_allclose(got[i], shifts.sum(axis=0), rtol=1e-4, atol=1e-7)
+        total = np.hypot(*shifts.T).sum()
+        assert share[i] == pytest.approx(math.hypot(*got[i]) / total if total > 0.0 else 1.0, rel=1e-4)
 
 
 @pytest.mark.parametrize(("x", "y"), [(1.0, 4.0), (9.0, 4.0), (5.0, 3.0), (5.0, 5.0)])
