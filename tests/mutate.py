@@ -23,7 +23,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -135,8 +135,8 @@ def copied(folder: Path) -> None:
             shutil.copyfile(ROOT / name, folder / name)
 
 
-def passes(folder: Path, tests: list[str], jit: bool, limit_s: float) -> bool:
-    """Whether the tests pass within the processor time, in a copy of this process, which has loaded the libraries."""
+def passes(folder: Path, tests: Sequence[list[str]], jit: bool, limit_s: float) -> bool:
+    """Whether all parts of the tests pass within the processor time, in a copy of this process with its libraries."""
     child = os.fork()
     if child == 0:
         os.chdir(folder)
@@ -144,16 +144,18 @@ def passes(folder: Path, tests: list[str], jit: bool, limit_s: float) -> bool:
         os.dup2(1, 2)
         resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 1))
         marks = "not slow and not statistics" + ("" if jit else " and not jit")
-        os._exit(pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-m", marks, *tests]))
+        ends = (pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-m", marks, *part]) for part in tests if part)
+        os._exit(any(end not in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED) for end in ends))
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
-def ordered(folder: Path, tests: list[str], module: Path) -> list[str]:
-    """The files of the tests in the copy, those first that name the module."""
+def parts(folder: Path, tests: list[str], module: Path) -> tuple[list[str], list[str]]:
+    """The files of the tests in the copy that name the module, and the others."""
     named = re.compile(rf"\b{module.stem}\b")
     given = (folder / test for test in tests)
     files = [file for test in given for file in ([test] if test.is_file() else sorted(test.rglob("test_*.py")))]
-    return sorted(map(str, files), key=lambda file: named.search(Path(file).read_text(encoding="utf-8")) is None)
+    first = [str(file) for file in files if named.search(file.read_text(encoding="utf-8"))]
+    return first, [str(file) for file in files if str(file) not in first]
 
 
 def options_of(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -181,13 +183,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copied(folder)
-        if not passes(folder, options.tests, options.jit, options.limit):
+        if not passes(folder, [options.tests], options.jit, options.limit):
             sys.exit(f"the tests do not pass in {options.limit:g} s without a change")
         limit_s = min(3.0 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, options.limit)
         tried = noticed = 0
         for file, numbers in chosen.items():
             module = file.relative_to(ROOT)
-            source, tests = file.read_text(encoding="utf-8"), ordered(folder, options.tests, module)
+            source, tests = file.read_text(encoding="utf-8"), parts(folder, options.tests, module)
             for line, before, after, text in mutants(source, numbers):
                 tried += 1
                 write(folder / module, text, tried)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.mutate import drawn, mutants
+from tests.mutate import drawn, mutants, parts
 
 SOURCE = """
 @kernel
@@ -46,3 +46,13 @@ def test_changes_are_drawn_from_all_places_of_a_folder(tmp_path: Path) -> None:
     few, _ = drawn(tmp_path, 4, 1)
     assert sum(map(len, few.values())) == 4
     assert len(list(mutants(SOURCE, few[tmp_path / "long.py"]))) == len(few[tmp_path / "long.py"])
+
+
+def test_test_files_that_name_the_module_come_first(tmp_path: Path) -> None:
+    for name, text in (("test_a.py", "other"), ("test_b.py", "from x.short import f"), ("test_c.py", "shorter")):
+        (tmp_path / name).write_text(text)
+    found = parts(tmp_path, [".", "test_a.py"], Path("x/short.py"))
+    assert [[Path(file).name for file in part] for part in found] == [
+        ["test_b.py"],
+        ["test_a.py", "test_c.py", "test_a.py"],
+    ]
