@@ -151,6 +151,14 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
         assert box_and_slope(views.lens[0], state, 0.0, box, np.empty((4, 6))) == pytest.approx(depth)
 
 
+def test_a_body_as_near_as_the_limit_has_a_box() -> None:
+    """Numbers without rounding: a height of 5 m, of which the twentieth part is 0.25 m, and a half width of 0.25 m."""
+    camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (9, 9))
+    lens, box = pack_views([camera]).lens[0], np.empty(4)
+    assert expected_box(lens, 0.5, 0.0, 5.0, 0.5, box) == 0.5
+    assert expected_box(lens, np.nextafter(0.5, 0.0), 0.0, 5.0, 0.5, box) == -1.0
+
+
 @pytest.mark.parametrize("lens", ["ideal", "brown"])
 def test_a_body_too_far_for_its_outline_has_no_box(lens: str) -> None:
     """Rounding leaves no tangents at some positions from 1e7 m on; no distance divides by zero."""

@@ -139,6 +139,14 @@ def test_a_likelihood_is_a_mixture_with_a_wide_part_for_manoeuvres(tail: float) 
         assert rare.ratio.any() == some
 
 
+def test_a_position_is_associated_below_the_gate() -> None:
+    """Both variances are 1 + 2 * 0.5, so that a distance of 2 has the square 2."""
+    made = positions(np.array([[6.0, 3.0]]))._replace(covariance=np.array([[0.5, 0.0, 0.5]]))
+    args = np.array([[4.0, 3.0, 4.0, 3.0]]), np.eye(4)[None], np.ones(1), made, 0, 1, 80.0, FEATURES
+    for gate, some in ((2.0, False), (np.nextafter(2.0, 3.0), True)):
+        assert plain(position_likelihood_ratios)(*args, gate, 2.0).ratio.any() == some
+
+
 def after_a_box(made: PackedDetections) -> PackedDetections:
     """The positions after a frame of the camera with one box."""
     return PackedDetections(

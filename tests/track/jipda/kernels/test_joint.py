@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_frames import plain
 from scipy.stats import multivariate_normal
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats
 from occlog.records.scene import Camera, camera_rotation
 from occlog.track.methods.jipda.kernels.body_box import box_and_slope, pack_views
 from occlog.track.methods.jipda.kernels.detections import (
@@ -21,6 +22,7 @@ from occlog.track.methods.jipda.kernels.detections import (
     log_density,
 )
 from occlog.track.methods.jipda.kernels.joint_association import JipdaResult, update_targets
+from occlog.track.methods.jipda.kernels.likelihood import association_likelihood_ratios
 
 TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
 VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))
@@ -114,6 +116,39 @@ def test_noise_that_goes_on_from_look_to_look_counts_less() -> None:
     z = expected()[0] + np.array([6.0, -4.0, 9.0, 5.0])
     sure, unsure = after(boxes(z)), after(boxes(z), known=rates(slow=4.0))
     assert (np.diag(unsure.covariance[0])[:2] > 1.5 * np.diag(sure.covariance[0])[:2]).all()
+
+
+def test_a_box_is_associated_below_the_gate_of_all_edges_and_of_each() -> None:
+    box, R, off = expected()[0], np.diag([4.0, 9.0, 4.0, 9.0]), np.array([6.0, -4.0, 5.0, 3.0])
+    every, zero, one = np.ones(4, dtype=bool), np.zeros((4, 4)), np.ones(1)
+
+    def ratio(z: Floats, use: Bools, gate: float) -> float:
+        made = boxes(z)._replace(usable=use[None])
+        found = plain(association_likelihood_ratios)(
+            box[None], R[None], zero[None], 0.0 * one, one, made, 0, 1, rates(), 1280.0, 720.0, np.zeros((1, 1)), gate
+        )
+        return float(found.ratio[0, 0])
+
+    distance = log_density(box + off - box, np.empty((4, 4)), every, R, zero)[1]
+    assert ratio(box + off, every, distance) == 0.0
+    assert ratio(box + off, every, np.nextafter(distance, np.inf)) > 0.0
+    # Two edges beyond twice the gate, of which an unused one does not count
+    wide = np.array([0.0, 3.0 * 6.4, 2.0 * 6.4, 0.0])
+    assert ratio(box + wide, every, 1000.0) > 0.0
+    for use in (every, every & (np.arange(4) != 1)):
+        assert ratio(box + wide, use, 20.0) == 0.0
+    alone = np.array([0.0, 0.0, 2.0 * 6.0, 0.0])
+    assert ratio(box + alone, every, 36.1) > 0.0
+
+
+@pytest.mark.parametrize(("detection", "some"), [(0.9e-4, False), (1e-4, True)])
+def test_people_who_are_hardly_detected_are_not_associated(detection: float, some: bool) -> None:
+    z = expected()[0]
+    found = plain(association_likelihood_ratios)(
+        z[None], 9.0 * np.eye(4)[None], np.zeros((1, 4, 4)), np.zeros(1), np.full(1, detection), boxes(z), 0, 1,
+        rates(), 1280.0, 720.0, np.zeros((1, 1)), 30.0,
+    )  # fmt: skip
+    assert found.ratio.any() == some
 
 
 PAIR = MEAN + np.array([[0.0], [1.0]]) * [[0.6, 0.2, 0.0, 0.0, 0.0, 0.0]]

@@ -162,6 +162,14 @@ def test_who_is_nearer_or_across_with_less_than_a_thousandth_hides_nothing(chanc
     assert (cells < 1.0).any() == hidden
 
 
+def test_who_ends_at_the_middle_of_a_row_does_not_hide_it() -> None:
+    """Rows of a box of 60 px have their middles at 5, 15, .. 55 px."""
+    boxes = np.array([[0.0, 0.0, 50.0, 60.0], [-9.0, 15.0, 99.0, 35.0]])
+    cells = np.ones((ROWS, COLUMNS))
+    cells_unoccluded_by(0, boxes, np.array([10.0, 5.0]), np.full(2, 1e-6), np.full(2, 0.1), np.ones(2), cells)
+    np.testing.assert_allclose(cells[:, 0], [1.0, 1.0, 0.0, 1.0, 1.0, 1.0], atol=1e-9)
+
+
 def test_a_static_occluder_hides_what_stands_in_it_and_ends_where_it_is_lower_than_the_line_of_sight() -> None:
     """At (3, 0) the middle column's lines of sight fall from 2.5 m; a wall of 0.2 m, from 1 m to 2 m away."""
     wall = np.array([[1.0, -1.0], [2.0, -1.0], [2.0, 1.0], [1.0, 1.0]])
