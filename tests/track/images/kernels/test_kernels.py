@@ -75,6 +75,14 @@ def test_weights_without_any_likelihood_are_equal():
     np.testing.assert_allclose(mean[0, :4], particles[0, :, :4].mean(axis=0))
 
 
+@pytest.mark.parametrize("level", [-1000.0, 0.0, 1000.0])
+def test_weights_do_not_depend_on_the_level_of_their_logarithms(level):
+    rng = np.random.default_rng(11)
+    particles, log_weights = ellipses(rng, 2, 5), rng.standard_normal((2, 5))
+    weights, _ = weights_and_means(particles, log_weights + level)
+    np.testing.assert_allclose(weights, np.exp(log_weights) / np.exp(log_weights).sum(axis=1, keepdims=True))
+
+
 def test_spreads_are_those_of_weighted_samples():
     rng = np.random.default_rng(3)
     particles, log_weights = ellipses(rng, 2, 30), rng.standard_normal((2, 30))
