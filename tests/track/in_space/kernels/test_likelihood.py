@@ -16,9 +16,9 @@ from occlog.filtering.motion.coordinated_turn import acceleration_root, turn_mat
 from occlog.filtering.motion.white_acceleration import AccelerationModel, known_jump, moved, turn_jump
 from occlog.filtering.particles import effective_sample_size, normalise_log_weights
 from occlog.track.methods.in_space.kernels.likelihood import (
-    ReportProbabilities,
     UNIFORM,
     UNIFORM_AZIMUTH,
+    ReportProbabilities,
     ScanDirectionSet,
     log_cone,
     log_in_plane,
