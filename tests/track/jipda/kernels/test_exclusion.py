@@ -63,6 +63,16 @@ def test_pairs_farther_apart_than_four_deviations_of_their_difference_are_left_o
     assert (share < 1.0) == changed
 
 
+def test_the_third_person_counts_as_the_others_do() -> None:
+    covariance = np.tile(0.01 * np.eye(6), (3, 1, 1, 1))
+    means, weight = np.zeros((3, 1, 6)), np.ones((3, 1))
+    means[1, 0, :2], means[2, 0, :2] = 9.0, 0.1
+    position, spread = means[:, 0, :2].copy(), covariance[:, 0, :2, :2].copy()
+    apply_exclusion(means, covariance, weight, position, spread, np.full(3, 0.9), S)
+    assert weight[0, 0] == pytest.approx(weight[2, 0])
+    assert weight[0, 0] < weight[1, 0] == 1.0
+
+
 def test_no_one_there_and_no_one_near_change_nothing() -> None:
     rng = np.random.default_rng(0)
     mean, covariance, spread = rng.normal(size=6), normal(rng, 6), normal(rng, 2)

@@ -248,6 +248,9 @@ def test_the_density_of_no_person_counts_the_edges_in_use() -> None:
     size = np.log(20.0)
     assert log_clutter(box, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 50.0 * 100.0 * size**2))
     assert log_clutter(box, ~every, 640.0, 480.0) == 0.0
+    across = np.array([True, False, True, False])
+    assert log_clutter(box, across, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 50.0 * size))
+    assert log_clutter(box, ~across, 640.0, 480.0) == pytest.approx(-np.log(480.0 * 100.0 * size))
     narrow = np.array([10.0, 20.0, 10.5, 21.5])
     assert log_clutter(narrow, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 1.0 * 1.5 * size**2))
     assert log_clutter(box, np.array([True, True, True, False]), 640.0, 480.0) == pytest.approx(

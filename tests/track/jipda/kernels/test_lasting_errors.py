@@ -194,6 +194,14 @@ def test_normal_equations_of_clocks_eliminate_the_delay_of_each_track(seed: int)
     np.testing.assert_allclose(normal, wanted, rtol=1e-4, atol=1e-5 * np.abs(wanted).max())
 
 
+def test_people_who_stand_say_nothing_of_clocks() -> None:
+    s, owner, good = scene(0)
+    still = s.mean * [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    normal, sums = clock_residuals(still, s.views, s.boxes, owner, good, np.zeros(3), np.zeros((3, 4)))
+    assert not normal.any()
+    assert sums[:, 0].sum() > 3.0
+
+
 @pytest.mark.parametrize("limit", ["range", "width", "height", "left", "top"])
 @pytest.mark.parametrize("beyond", [-1.0, 1.0])
 def test_a_bias_of_the_body_shifts_by_cameras_with_the_centre_in_range_and_image(limit: str, beyond: float) -> None:

@@ -182,6 +182,16 @@ def test_a_static_occluder_hides_what_stands_in_it_and_ends_where_it_is_lower_th
     np.testing.assert_array_equal(behind((1.5, 0.0), 1.0, wall)[:, 2], heights > 1.0)
 
 
+def test_each_static_occluder_hides_with_its_own_corners_and_height() -> None:
+    camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (9, 9))
+    others = [(PILLAR - [0.0, -0.5], 1.2), (PILLAR[:3], 2.0), (PILLAR - [0.0, 0.4], 1.0)]
+    cells = np.ones((ROWS, COLUMNS))
+    occlude_by_static(pack_views([camera], others), 0, 4.0, 0.3, 1.8, 0.6, cells)
+    alone = [behind((4.0, 0.3), top, polygon) for polygon, top in others]
+    np.testing.assert_array_equal(cells, np.prod(alone, axis=0))
+    assert len({one.tobytes() for one in (*alone, cells)}) == 4
+
+
 def test_an_occluder_around_the_camera_hides_nothing() -> None:
     around = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     assert behind((4.0, 0.0), np.inf, around).min() == 1.0
