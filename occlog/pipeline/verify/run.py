@@ -65,11 +65,11 @@ class Verified(NamedTuple):
 
 
 def _in_words(versions: dict[str, tuple[str | None, str | None]]) -> str:
-    """Return, in words, which versions differ: Python's first, and at most `MAX_NAMED` of them.
+    """Return, in words, which versions differ: at most `MAX_NAMED`, Python's first, those of missing packages last.
 
     `versions`: as in `Verified`.
     """
-    names = sorted(versions, key=lambda name: (name != PYTHON, name))
+    names = sorted(versions, key=lambda name: (name != PYTHON, None in versions[name], name))
     found = [f"{name} {then or 'none'}, now {now or 'none'}" for name in names for then, now in [versions[name]]]
     more = f"; and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
     return f"other versions ({'; '.join(found[:MAX_NAMED])}{more})"

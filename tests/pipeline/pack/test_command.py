@@ -161,11 +161,14 @@ def test_another_python_is_the_first_version_that_is_named(
     cause = f"other versions (python 3.12.1, now {now['python']})"
     assert (code, found["result"]) == (ExitCode.DONE, f"the same values; {cause}, so that bytes differ")
     monkeypatch.setitem(VALUES, "rmse_m", 2.0)
-    many = changed(packed / "x.zip", tmp_path / "many.zip", versions={"python": "3.12.1"})
+    without_click = {name: version for name, version in now.items() if name != "click"}
+    many = changed(
+        packed / "x.zip", tmp_path / "many.zip", versions={**without_click, "python": "3.12.1", "numpy": "1.0"}
+    )
     code, found = verify(many, capsys)
     assert code == ExitCode.DIFFERENT
-    assert str(found["result"]).startswith(f"other versions (python 3.12.1, now {now['python']}; ")
-    assert f"; and {len(found['versions']) - 2} more)" in str(found["result"])
+    cause = f"other versions (python 3.12.1, now {now['python']}; numpy 1.0, now {now['numpy']}; and 1 more)"
+    assert str(found["result"]).startswith(f"{cause}: may explain what differs; ")
 
 
 def test_the_same_values_in_other_bytes_are_explained_by_versions_alone(
