@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from occlog import console
+from occlog.console.collection import COLLECTION
 from occlog.errors import ExitCode, InputError
 from occlog.io.files.atomic import OutputGroup, check_outputs, open_output
 from occlog.io.files.inputs import hash_inputs, previous_losses
@@ -63,8 +64,10 @@ def run(request: Request, *, overwrite: bool = False, quiet: bool = False) -> Jo
         ending = request.file_field(name).suffix
         if ending != TABLE:
             check_output_name(path, ending)
+    execute = load(request.RUN)
+    COLLECTION.resume()
     try:
-        done = JobResult(*load(request.RUN)(request, Job(request, overwrite, quiet, kind)))
+        done = JobResult(*execute(request, Job(request, overwrite, quiet, kind)))
     except InputError as error:
         raise _with_file(error, request) from error
     return _with_earlier(done, request.inputs)

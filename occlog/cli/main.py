@@ -15,6 +15,7 @@ from typing import NamedTuple
 import click
 
 from occlog import __version__
+from occlog.console.collection import COLLECTION
 from occlog.console.foreign_code import hidden
 from occlog.console.interrupts import INTERRUPTS
 from occlog.console.notes import DRY_RUN, NOTED_ONCE, QUIET, DryRunPlan, DryRunStop
@@ -163,6 +164,7 @@ def load_command(name: str) -> click.Command:
     where, summary, _ = COMMANDS[name]
     if ":" not in where:
         command: click.Command = importlib.import_module(where).command
+        COLLECTION.resume()
         return command
     from occlog.request import load
 
@@ -265,11 +267,15 @@ def cli() -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line, and leave the process with its exit code; `args`: its words, None: those of the process."""
+    COLLECTION.pause()
     INTERRUPTS.install()
     streams.install()
     allow_open_files()
     _only_own_lines()
-    code = run(args)
+    try:
+        code = run(args)
+    finally:
+        COLLECTION.resume()
     INTERRUPTS.end()
     sys.exit(code)
 

@@ -16,22 +16,22 @@ POSITIONS = "write CSV: time,id,x,y, in metres, with z up"
 
 
 class UnreadProgram(NamedTuple):
-    """A format of another program that is recognised but not read.
+    """A format of another program.
 
     Attributes:
         words: what a file of it is.
         remedy: what to write in its place.
-        pattern: regular expression that the first bytes of such a file match.
+        pattern: regular expression of the first bytes; a text of several parts has each of them, in any order.
     """
 
     words: str
     remedy: str
-    pattern: re.Pattern[bytes]
+    pattern: bytes
 
 
 def _program(words: str, remedy: str, *parts: bytes, begin: bytes = b"") -> UnreadProgram:
     pattern = rb"\A" + begin + b"".join(rb"(?=.*?" + part + rb")" for part in parts)
-    return UnreadProgram(words, remedy, re.compile(pattern, re.DOTALL))
+    return UnreadProgram(words, remedy, pattern)
 
 
 _XML, _JSON = rb"(?:\xef\xbb\xbf)?\s*(?=<)", rb"(?:\xef\xbb\xbf)?\s*[\[{]"
@@ -96,7 +96,7 @@ PROGRAMS = (
 
 def describe_program(head: bytes) -> str | None:
     """Text on a file of a program that is not read, with the remedy, by the first bytes of the file; None: unknown."""
-    found = next((each for each in PROGRAMS if each.pattern.match(head)), None)
+    found = next((each for each in PROGRAMS if re.match(each.pattern, head, re.DOTALL)), None)
     return None if found is None else f"is {found.words}, which is not read; {found.remedy}"
 
 

@@ -23,6 +23,8 @@ from occlog.pipeline.run.stages import check_settings, plan, read_config
 
 PROCESSOR = "processor"
 """Name of the type of processor among the versions."""
+PYTHON, MAX_NAMED = "python", 2
+"""Name of Python among the versions, and how many of those that differ are named in the conclusion."""
 
 
 class Verified(NamedTuple):
@@ -56,10 +58,21 @@ class Verified(NamedTuple):
             then, now = self.versions[PROCESSOR]
             cause, remedy = f"another processor ({then}, now {now})", "verify on one of its type"
         else:
-            cause, remedy = "other versions", "install those of lock.txt, and verify again"
+            cause, remedy = _in_words(self.versions), "install those of lock.txt, and verify again"
         if not self.different:
             return f"the same values; {cause}, so that bytes differ"
         return f"{cause}: may explain what differs; {remedy}"
+
+
+def _in_words(versions: dict[str, tuple[str | None, str | None]]) -> str:
+    """Return, in words, which versions differ: at most `MAX_NAMED`, Python's first, those of missing packages last.
+
+    `versions`: as in `Verified`.
+    """
+    names = sorted(versions, key=lambda name: (name != PYTHON, None in versions[name], name))
+    found = [f"{name} {then or 'none'}, now {now or 'none'}" for name in names for then, now in [versions[name]]]
+    more = f"; and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
+    return f"other versions ({'; '.join(found[:MAX_NAMED])}{more})"
 
 
 def verify_pack(archive: Path, inputs: Path | None, begin: Callable[[str], None]) -> Verified:

@@ -1,4 +1,4 @@
-"""Conversion of tables between Arrow and NumPy, without pandas (which pyarrow's own `to_numpy` imports).
+"""Conversion of tables between Arrow and NumPy, without pandas (which pyarrow's own conversions import).
 
 Also the Arrow schema of a table, with units.
 """
@@ -52,7 +52,7 @@ def to_texts(values: pa.Array, where: str, longest: int | None = None) -> String
     if longest is not None and most > longest:
         raise InputError(f"{where}: a text of {most} characters; shorten it to {longest}", id="input-too-large")
     check_texts(texts, max(len(values), len(texts)), where)
-    which = to_numpy(coded.indices.fill_null(0))
+    which = to_numpy(coded.indices.fill_null(0) if coded.null_count else coded.indices)
     if len(which) and coded.null_count < len(which) and not 0 <= int(which.min()) <= int(which.max()) < len(texts):
         raise InputError(f"{where}: the file is damaged: a row refers to a missing text", id="damaged-file")
     out = np.asarray(texts or [""], dtype=np.str_)[which]
@@ -141,19 +141,32 @@ def to_arrow(table: ColumnTable, schema: pa.Schema) -> pa.Table:
     arrays = []
     for c, f in zip(table.columns(), schema, strict=True):
         values = getattr(table, c.name)
-        if c.width:
-            flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
-            if c.width == ANY_WIDTH:
-                starts = pa.array(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1], pa.int32())
-                arrays.append(pa.ListArray.from_arrays(starts, flat, type=f.type))
-            else:
-                arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
+        if c.width == ANY_WIDTH:
+            starts = numbers(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1])
+            arrays.append(pa.ListArray.from_arrays(starts, numbers(values.reshape(-1)), type=f.type))
+        elif c.width:
+            arrays.append(pa.FixedSizeListArray.from_arrays(numbers(values.reshape(-1)), c.width))
         elif c.kind == "U":
             names, codes = np.unique(values, return_inverse=True)
-            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string())))
+            arrays.append(pa.DictionaryArray.from_arrays(numbers(codes.astype(np.int32)), texts(names)))
         else:
-            arrays.append(pa.array(values, type=f.type, from_pandas=False))
+            arrays.append(numbers(values))
     return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def numbers(values: NDArray[np.generic]) -> pa.Array:
+    """Arrow array of numbers or booleans (n,), without nulls."""
+    # Truth values are bits, the first one the lowest of its byte
+    logical = values.dtype == np.bool_
+    data = np.packbits(values.astype(np.bool_), bitorder="little") if logical else np.ascontiguousarray(values)
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(data)])
+
+
+def texts(values: Strings) -> pa.Array:
+    """Arrow array of texts (n,), without nulls."""
+    encoded = [text.encode() for text in values.tolist()]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
 
 
 def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:

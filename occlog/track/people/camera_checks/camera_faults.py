@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import chain, product
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -40,11 +40,10 @@ from .pair_errors import (
 from .pair_overlap import (
     BoxesOfCamera,
     Overlap,
+    PairOverlaps,
     clearly_larger,
     in_image,
     located,
-    overlap,
-    overlaps,
     paired_rows,
     person_heights,
     projected_people,
@@ -138,12 +137,7 @@ class CameraFaults:
     """
 
     def __init__(self, cameras: Sequence[Camera], person_height: float = 1.7) -> None:
-        """Start without boxes.
-
-        Args:
-            cameras: cameras with poses, by index.
-            person_height: mean height of people in the scene's unit.
-        """
+        """Start without boxes; `person_height` in the scene's unit."""
         self._cameras, self._height = list(cameras), person_height
         self._samples: list[tuple[int, dict[int, Floats]]] = []
         self._step = self._count = 0
@@ -163,23 +157,23 @@ class CameraFaults:
             self._samples, self._step = self._samples[1::2], self._step + 1
 
     def found(self, unit: str, *, doubtful: bool) -> list[FittingChange]:
-        """Return corrections of the set-up that make cameras agree, the most significant first; [] for a single camera.
+        """Corrections of the set-up that make cameras agree, the most significant first.
 
         Args:
             unit: length unit, for messages.
-            doubtful: another check has failed; otherwise only cameras that agree with no other one are examined.
+            doubtful: something is known to be wrong; otherwise only cameras that agree with none are examined.
         """
         return self._search.found(unit, doubtful=doubtful) if self._compared else []
 
     def errors(self, unit: str, *, rotated: bool = False) -> list[tuple[tuple[int, ...], str]]:
-        """Return small calibration errors as (indices of the cameras, description).
+        """Small calibration errors: (indices of the cameras, description).
 
         They are too small to change the overlap of boxes much. Lasting rotations are omitted, since the filter corrects
         them, unless another error explains nearly as much.
 
         Args:
-            unit: length unit, for the descriptions.
-            rotated: the filter has found rotated cameras, so that something is wrong.
+            unit: of lengths, for the words.
+            rotated: the filter finds rotated cameras, so that something is wrong.
         """
         if not self._compared:
             return []
@@ -204,15 +198,11 @@ class CameraFaults:
         return person_heights([*boxes], self._cameras)
 
     def gaps(self) -> list[Gap]:
-        """Return the longest interval without boxes of each camera that has one.
-
-        It counts if other cameras detect people in the camera's view meanwhile.
-        """
+        """The longest interval without boxes of each camera that has one while others detect people in its view."""
         return self._search.gaps() if self._compared else []
 
     @property
     def _compared(self) -> bool:
-        """Whether there are at least two cameras and two time steps to compare."""
         return len(self._cameras) > 1 and len(self._samples) > 1
 
     @property
@@ -229,13 +219,6 @@ class _Search:
     def __init__(
         self, cameras: Sequence[Camera], samples: Sequence[tuple[int, dict[int, Floats]]], person_height: float
     ) -> None:
-        """Collect the boxes of each camera.
-
-        Args:
-            cameras: cameras by index.
-            samples: time [ns] and boxes (n, 4) [px] by camera index of each time step.
-            person_height: mean height of people in the scene's unit.
-        """
         count = sum(len(each) for _, boxes in samples for each in boxes.values())
         self.t_ns: Ints = np.array([t for t, _ in samples], dtype=np.int64)
         self.height = person_height
@@ -402,7 +385,7 @@ class _Search:
     @cached_property
     def _own(self) -> list[Overlap]:
         """Overlaps of each camera with all others, with the set-up as given."""
-        return overlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
+        return self._pairs.of_each()
 
     def gaps(self) -> list[Gap]:
         """Return the longest interval without boxes of each camera that otherwise detects most people in its view."""
@@ -447,12 +430,17 @@ class _Search:
         shares = np.array([_by_window(each, window, count) for each in self._own])
         parts = [(c, part) for c, own in enumerate(shares) if (part := _worst_part(own)) is not None]
         out: list[FittingChange] = []
-        for c, (first, last) in sorted(parts, key=lambda each: float(np.nanmean(shares[each[0], slice(*each[1])]))):
+        for c, (first, last, limit) in sorted(
+            parts, key=lambda each: float(np.nanmean(shares[each[0], each[1].first : each[1].end]))
+        ):
             if any(c in each.cameras for each in out):
                 continue
             low, high = (int(np.flatnonzero(window == w)[k]) for w, k in ((first, 0), (last - 1, -1)))
             trusted = [o for o in range(len(self.views)) if not any(o in each.cameras for each in out)]
             within = self._during(low, high)
+            # All time steps may disagree with the few that are compared over the whole recording
+            if within._overlap({c: within.views[c]}, trusted).excess >= limit:
+                continue
             # Of two cameras that do not agree either may be wrong
             tried = trusted if len(trusted) == 2 else [c]
             changes = (change for k in tried for change in within._changes(k, trusted, for_a_while=True))
@@ -469,14 +457,15 @@ class _Search:
         other.views = [view.during(low, high) for view in self.views]
         return other
 
-    def _overlap(self, changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None) -> Overlap:
-        """Return the overlaps of changed cameras with the cameras `of` (None: all), over the compared time steps.
+    @cached_property
+    def _pairs(self) -> PairOverlaps:
+        """Comparison of all pairs of cameras over the subset of time steps that is compared."""
+        return PairOverlaps([view.every(self.every) for view in self.views], len(self.t_ns), self.height)
 
-        `changed` are the cameras with boxes that replace those with the same index.
-        """
-        thin = [view.every(self.every) for view in self.views]
-        changes = {c: view.every(self.every) for c, view in changed.items()}
-        return overlap(thin, changes, len(self.t_ns), self.height, of)
+    def _overlap(self, changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None) -> Overlap:
+        """Overlaps of cameras, changed or not, with the cameras `of`, over the time steps that are compared."""
+        given = {c: view.every(self.every) for c, view in changed.items() if view is not self.views[c]}
+        return self._pairs.overlap(changed, given, of)
 
     def _best(self, changes: Iterator[_Change], trusted: Sequence[int] | None = None) -> FittingChange | None:
         """Return the correction with the largest mean overlap of boxes; None if none is clearly better than no change.
@@ -572,11 +561,14 @@ class _Search:
         angles = angles[(np.abs(angles) < MAX_TURN).all(axis=1)]
         if len(angles) < MIN_EXPECTED:
             return
-        best, near = 0, angles
-        for x, y in product(np.arange(-MAX_TURN, MAX_TURN, TURN_CELL / 2), repeat=2):
-            inside = (np.abs(angles - [x, y]) < TURN_CELL / 2).all(axis=1)
-            if np.count_nonzero(inside) > best:
-                best, near = int(np.count_nonzero(inside)), angles[inside]
+        # Cells of the search overlap by half: each is two by two of the histogram's
+        half = 0.5 * TURN_CELL
+        edges = np.arange(-MAX_TURN - half, MAX_TURN + half, half)
+        counts = np.histogram2d(angles[:, 0], angles[:, 1], bins=[edges, edges])[0]
+        counts = counts[:-1] + counts[1:]
+        fullest = np.argmax(counts[:, :-1] + counts[:, 1:])
+        centre = edges[1:-1][list(np.unravel_index(fullest, (len(edges) - 2,) * 2))]
+        near = angles[(np.abs(angles - centre) < half).all(axis=1)]
         for _ in range(REFINEMENTS):
             near = angles[np.linalg.norm(angles - np.median(near, axis=0), axis=1) < TURN_CELL]
         yaw, pitch = np.median(near, axis=0)
@@ -624,29 +616,37 @@ def _by_window(found: Overlap, window: Ints, count: int) -> Floats:
     return out
 
 
-def _worst_part(shares: Floats) -> tuple[int, int] | None:
-    """Return the longest run of two or more intervals with an agreement far below the usual, as (first, end).
+class _BadPart(NamedTuple):
+    """Intervals of time, from `first` to before `end`, in which the agreement of a camera is below `limit`."""
 
-    `shares` (W,) are the agreements (NaN: unknown); `end` is one after the last. None if there is no such run, or if
-    the usual agreement is too low for a comparison.
+    first: int
+    end: int
+    limit: float
+
+
+def _worst_part(shares: Floats) -> _BadPart | None:
+    """Longest run of two or more intervals with an agreement far below the usual.
+
+    None if there is no such run, or if the usual agreement is too low for a comparison.
     """
     known = shares[np.isfinite(shares)]
     if len(known) < MIN_WINDOWS - 2:
         return None
     usual = float(np.quantile(known, 0.8))
-    bad = shares < BAD_SHARE * usual
+    limit = BAD_SHARE * usual
+    bad = shares < limit
     if usual < MIN_FIT or not bad.any():
         return None
-    runs: list[tuple[int, int]] = []
+    runs: list[_BadPart] = []
     begin = None
     for w, each in enumerate([*(bad | ~np.isfinite(shares)), False]):
         if each and begin is None:
             begin = w
         elif not each and begin is not None:
             if np.count_nonzero(bad[begin:w]) > 1:
-                runs.append((begin, w))
+                runs.append(_BadPart(begin, w, limit))
             begin = None
-    return max(runs, key=lambda run: run[1] - run[0]) if runs else None
+    return max(runs, key=lambda run: run.end - run.first) if runs else None
 
 
 def _inverted(view: BoxesOfCamera) -> BoxesOfCamera:
@@ -675,12 +675,10 @@ def _other_forms(view: BoxesOfCamera) -> Iterator[tuple[str, Floats]]:
 
 
 def _multiplied(scale: float) -> str:
-    """Return the description of boxes that are `scale` times as large as they should be, for a message."""
     return f"multiplied by {scale:.3g} (images of another size)"
 
 
 def _scaled(view: BoxesOfCamera, scale: float) -> BoxesOfCamera:
-    """Return the camera with all box coordinates multiplied by `scale`."""
     return view._replace(boxes=view.boxes * scale)
 
 

@@ -7,7 +7,8 @@ tracked, so that cameras are comparable even if their tracks are wrong.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -259,111 +260,140 @@ def in_image(boxes: Floats, size: Floats) -> Bools:
         return np.asarray(((middle > 0.0) & (middle < size)).all(axis=1))
 
 
-def overlap(
-    views: Sequence[BoxesOfCamera],
-    changed: Mapping[int, BoxesOfCamera],
-    steps: int,
-    person_height: float,
-    of: Sequence[int] | None = None,
-) -> Overlap:
-    """Return the overlaps of all pairs of cameras with at least one changed camera.
-
-    Args:
-        views: boxes of all cameras.
-        changed: changed cameras, by the index of the camera that each replaces.
-        steps: number of time steps.
-        person_height: mean height of people in the scene's unit.
-        of: indices of the cameras that are compared with the changed ones; None: all.
-    """
-    now = [changed.get(c, view) for c, view in enumerate(views)]
-    others = {*(range(len(views)) if of is None else of), *changed}
-    pairs = [(a, b) for a in sorted(others) for b in sorted(others) if a != b and {a, b} & set(changed)]
-    return merged(list(_of_pairs(now, pairs, steps, person_height).values()))
-
-
-def overlaps(views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> list[Overlap]:
-    """Return the overlaps of each camera with all others, in both directions, for `steps` time steps.
-
-    `person_height` is the mean height of people in the scene's unit.
-    """
-    pairs = [(a, b) for a in range(len(views)) for b in range(len(views)) if a != b]
-    found = _of_pairs(views, pairs, steps, person_height)
-    return [merged([part for pair, part in found.items() if c in pair]) for c in range(len(views))]
-
-
 def merged(parts: Sequence[Overlap]) -> Overlap:
     """Return several overlaps concatenated to one, in their order."""
     nothing = Overlap(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     return Overlap(*(np.concatenate(column) for column in zip(nothing, *parts, strict=True)))
 
 
-def _of_pairs(
-    views: Sequence[BoxesOfCamera], pairs: Sequence[tuple[int, int]], steps: int, person_height: float
-) -> dict[tuple[int, int], Overlap]:
-    """Return, by pair (a, b), the overlaps of people located by camera a with the boxes of camera b.
+class PairOverlaps:
+    """Overlaps of people located by one camera with the boxes of another, for cameras as given and as changed.
 
-    Args:
-        views: cameras with their boxes.
-        pairs: pairs of indices of `views`.
-        steps: number of time steps.
-        person_height: mean height of people in the scene's unit.
+    What does not depend on a change is computed once.
     """
-    people = {a: located(views[a], person_height) for a in {a for a, _ in pairs}}
-    padded = {b: _by_step(views[b], steps) for b in {b for _, b in pairs}}
-    return {(a, b): _expected(views[a], people[a], views[b], padded[b]) for a, b in pairs}
+
+    def __init__(self, views: Sequence[BoxesOfCamera], steps: int, person_height: float) -> None:
+        """Keep the boxes of all cameras, for `steps` time steps; `person_height` in the scene's unit."""
+        self._steps, self._height = steps, person_height
+        self._cameras = [_ComparedCamera(view, steps, person_height) for view in views]
+        self._projected: dict[tuple[int, int], tuple[Floats, Ints]] = {}
+
+    def overlap(
+        self, cameras: Iterable[int], changed: Mapping[int, BoxesOfCamera], of: Sequence[int] | None = None
+    ) -> Overlap:
+        """Overlaps of all pairs of cameras with at least one of some cameras.
+
+        Args:
+            cameras: indices of these cameras.
+            changed: changed ones of them, by the index of the camera that each replaces.
+            of: indices of the cameras that they are compared with; None: all.
+        """
+        others = sorted({*(range(len(self._cameras)) if of is None else of), *cameras})
+        pairs = [(a, b) for a in others for b in others if a != b and {a, b} & set(cameras)]
+        return merged(list(self._of_pairs(pairs, changed).values()))
+
+    def of_each(self) -> list[Overlap]:
+        """Overlaps of each camera with all others, in both directions."""
+        count = range(len(self._cameras))
+        found = self._of_pairs([(a, b) for a in count for b in count if a != b], {})
+        return [merged([part for pair, part in found.items() if c in pair]) for c in count]
+
+    def _of_pairs(
+        self, pairs: Sequence[tuple[int, int]], changed: Mapping[int, BoxesOfCamera]
+    ) -> dict[tuple[int, int], Overlap]:
+        """Return, by pair (a, b), the overlaps of people located by camera a with the boxes of camera b.
+
+        `changed`: changed cameras, by the index of the camera that each replaces.
+        """
+        now = dict(enumerate(self._cameras))
+        now.update({c: _ComparedCamera(view, self._steps, self._height) for c, view in changed.items()})
+        out: dict[tuple[int, int], Overlap] = {}
+        for a, b in pairs:
+            if a in changed or now[b].view.camera is not self._cameras[b].view.camera:
+                boxes, when = now[a].projected(now[b].view.camera)
+            else:
+                if (a, b) not in self._projected:
+                    self._projected[a, b] = now[a].projected(now[b].view.camera)
+                boxes, when = self._projected[a, b]
+            out[a, b] = now[b].overlap(boxes, when)
+        return out
 
 
-def _expected(source: BoxesOfCamera, people: Floats, target: BoxesOfCamera, there: Floats) -> Overlap:
-    """Return the overlaps of people located by one camera, projected into another image, with the boxes there.
+class _ComparedCamera:
+    """A camera with its boxes by time step, and the people whom it locates."""
 
-    The overlap by chance is that with boxes half the recording later. Time steps without boxes of `target` are omitted.
+    def __init__(self, view: BoxesOfCamera, steps: int, person_height: float) -> None:
+        """Keep a camera, for `steps` time steps; `person_height` in the scene's unit."""
+        self.view, self._steps, self._height = view, steps, person_height
 
-    Args:
-        source: camera that located the people.
-        people: (n, 4) x, y, height, width of its boxes; NaN: not located.
-        target: camera into which they are projected.
-        there: (T, most boxes, 4) boxes of `target` by time step, padded with NaN.
-    """
-    known = np.flatnonzero(np.isfinite(people).all(axis=1))
-    boxes = projected_people(target.camera, people[known])
-    seen = in_image(boxes, target.size)
-    boxes, when = boxes[seen], source.steps[known[seen]]
-    # A target without any box at a time may have no frame of it
-    frames = np.asarray(np.isfinite(there[..., 0]).any(axis=1))
-    # Boxes by chance: those of half the time later, at steps that have any
-    filled = np.flatnonzero(frames)
-    at = np.searchsorted(filled, when)
-    other = filled[(at + len(filled) // 2) % max(len(filled), 1)] if len(filled) else when
-    compared = frames[when]
-    boxes, when, other = boxes[compared], when[compared], other[compared]
-    return Overlap(when, _largest(boxes, there[when]), _largest(boxes, there[other]))
+    @cached_property
+    def _people(self) -> Floats:
+        """(n, 4) x, y, height and width of the person in each box; NaN if not located."""
+        return located(self.view, self._height)
+
+    @cached_property
+    def _by_step(self) -> Floats:
+        """(5, T, most boxes) edges and areas of the boxes by time step, as of `_by_step`."""
+        return _by_step(self.view, self._steps)
+
+    def projected(self, camera: Camera) -> tuple[Floats, Ints]:
+        """(n, 4) boxes expected in the image of another camera, of the people located here; (n,) their time steps."""
+        known = np.flatnonzero(np.isfinite(self._people).all(axis=1))
+        return projected_people(camera, self._people[known]), self.view.steps[known]
+
+    def overlap(self, boxes: Floats, when: Ints) -> Overlap:
+        """Overlaps of expected boxes (n, 4) that are in the image, of the time steps `when` (n,), with the boxes here.
+
+        The overlap by chance is that with boxes half the recording later.
+        """
+        seen = in_image(boxes, self.view.size)
+        boxes, when = boxes[seen], when[seen]
+        # A camera without any box at a time may have no frame of it
+        frames = np.bincount(self.view.steps, minlength=self._steps) > 0
+        # Boxes by chance: those of half the time later, at steps that have any
+        filled = np.flatnonzero(frames)
+        at = np.searchsorted(filled, when)
+        other = filled[(at + len(filled) // 2) % max(len(filled), 1)] if len(filled) else when
+        compared = frames[when]
+        boxes, when, other = boxes[compared], when[compared], other[compared]
+        return Overlap(when, _largest(boxes, self._by_step[:, when]), _largest(boxes, self._by_step[:, other]))
 
 
 def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
-    """Return the boxes (T, most boxes, 4) of a camera by time step, T = `steps`, padded with NaN."""
+    """(5, T, most boxes) left, top, right, bottom and area of a camera's boxes by time step, T = `steps`.
+
+    Time steps with fewer boxes are padded with boxes of no size at (0, 0).
+    """
     counts = np.bincount(view.steps, minlength=steps)
-    out = np.full((steps, max(int(counts.max(initial=0)), 1), 4), np.nan)
+    out = np.zeros((5, steps, max(int(counts.max(initial=0)), 1)))
     order = np.argsort(view.steps, kind="stable")
     when = view.steps[order]
     first = np.cumsum(counts) - counts
-    out[when, np.arange(len(order)) - first[when]] = view.boxes[order]
+    own = view.boxes[order].T
+    out[:, when, np.arange(len(order)) - first[when]] = *own, _areas(*own)
     return out
 
 
-def _largest(boxes: Floats, others: Floats) -> Floats:
-    """Return the largest intersection over union (n,) of each box (n, 4) with the boxes `others` (n, m, 4) in its row.
+def _areas(left: Floats, top: Floats, right: Floats, bottom: Floats) -> Floats:
+    """Areas of boxes, of any shape; 0 where an edge is beyond the opposite one."""
+    return np.asarray(np.maximum(right - left, 0.0) * np.maximum(bottom - top, 0.0))
 
-    0 without overlap; others may be NaN.
+
+def _largest(boxes: Floats, others: Floats) -> Floats:
+    """(n,) largest intersection over union of each box (n, 4) with the m boxes of its time step; 0 without overlap.
+
+    `others`: (5, n, m) edges and areas as of `_by_step`.
     """
     if not len(boxes):
         return np.zeros(0)
-    low, high = np.maximum(boxes[:, None, :2], others[..., :2]), np.minimum(boxes[:, None, 2:], others[..., 2:])
-    common = np.clip(high - low, 0.0, None).prod(axis=-1)
-    area = np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None).prod(axis=-1)[:, None]
-    areas = np.clip(others[..., 2:] - others[..., :2], 0.0, None).prod(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = common / (area + areas - common)
-    return np.asarray(np.nan_to_num(share, nan=0.0).max(axis=1))
+    left, top, right, bottom = boxes.T[..., None]
+    near, far = (
+        (np.maximum(left, others[0]), np.maximum(top, others[1])),
+        (np.minimum(right, others[2]), np.minimum(bottom, others[3])),
+    )
+    common = _areas(*near, *far)
+    union = _areas(left, top, right, bottom) + others[4] - common
+    return np.asarray((common / np.where(union > 0.0, union, 1.0)).max(axis=1))
 
 
 def paired_rows(first: Ints, second: Ints) -> tuple[Ints, Ints]:
