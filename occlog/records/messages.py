@@ -390,7 +390,18 @@ VERDICT: dict[str, Message] = {
     "camera-not-calibrated": Message(
         W,
         "camera {sensors} shares too few people with the others and is left as it was stated",
-        "record people who walk where it overlaps with another camera",
+        "record people who walk where it overlaps with another camera, or straight from its view to others",
+    ),
+    "no-common-view": Message(
+        N,
+        "no two cameras share a view: calibrated by {count} passages from view to view, of one person at a time; clocks "
+        "are taken to agree",
+        "check the result on the floor plan",
+    ),
+    "passages-ambiguous": Message(
+        W,
+        "{count} of {total} passages from view to view may be of several people and are not used",
+        "record one person at a time",
     ),
     "parameter-undetermined": Message(
         W,
