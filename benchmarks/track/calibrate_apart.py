@@ -94,9 +94,8 @@ def cameras_of(hall: Hall, rng: np.random.Generator) -> list[Camera]:
         pitch = np.radians(rng.uniform(-24.0, -18.0))
         ground = middle - AHEAD * np.array([np.cos(yaw), np.sin(yaw)])
         rotation = camera_rotation(yaw, pitch, float(np.radians(rng.normal(0.0, 1.0))))
-        out.append(
-            Camera(f"cam{k + 1}", np.array([*ground, height]), rotation, np.array([700.0, 700.0]), np.array([639.5, 359.5]), size)
-        )
+        focal, principal = np.full(2, 700.0), np.array([639.5, 359.5])
+        out.append(Camera(f"cam{k + 1}", np.array([*ground, height]), rotation, focal, principal, size))
     return out
 
 
@@ -110,8 +109,15 @@ def walked(hall: Hall, cameras: list[Camera], rng: np.random.Generator) -> Float
     steps, room = round(WALK_S * FPS), hall.spacing * np.array([COLUMNS, ROWS])
     if hall.waypoints:
         config = WorldConfig(
-            steps=steps, step_s=1.0 / FPS, targets=1, speed=SPEED, diameter=0.5, process_noise_position=JITTER,
-            redirect_probability=0.0, wall_clearance=0.25, object_height=0.9,
+            steps=steps,
+            step_s=1.0 / FPS,
+            targets=1,
+            speed=SPEED,
+            diameter=0.5,
+            process_noise_position=JITTER,
+            redirect_probability=0.0,
+            wall_clearance=0.25,
+            object_height=0.9,
         )
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * room
         truth = simulate_truth(Scene((), room=corners), config, int(rng.integers(1 << 30)))
@@ -204,7 +210,9 @@ def errors(found: Calibrated, true: list[Camera], *, scaled: bool) -> Floats:
     yaw = np.array([found.cameras[c].camera.yaw - true[c].yaw for c in own]) - np.angle(m)
     yaw = np.angle(np.exp(1j * yaw))
     sigma = np.array([found.cameras[c].sigma for c in own])
-    sigma_yaw = np.array([np.linalg.norm(found.cameras[c].camera.rotation[2] * found.cameras[c].sigma[:3]) for c in own])
+    sigma_yaw = np.array(
+        [np.linalg.norm(found.cameras[c].camera.rotation[2] * found.cameras[c].sigma[:3]) for c in own]
+    )
     square = [(off.real / sigma[:, 3]) ** 2, (off.imag / sigma[:, 4]) ** 2, (yaw / sigma_yaw) ** 2]
     return np.column_stack([off.real, off.imag, np.degrees(yaw), *square])
 
@@ -227,8 +235,8 @@ def measured(seeds: Iterable[int], hall: Hall, *, levels: bool) -> dict[str, Any
             continue
         part = errors(found, true, scaled=levels)
         own = [c for c, each in enumerate(found.cameras) if each.estimated]
-        away = [np.array([c.position[:2] for c in each]) for each in ([found.cameras[k].camera for k in own], [true[k] for k in own])]
-        scales.append(float(np.sqrt(away[0].var(axis=0).sum() / away[1].var(axis=0).sum())))
+        away = np.array([[found.cameras[c].camera.position[:2], true[c].position[:2]] for c in own])
+        scales.append(float(np.sqrt(np.divide(*away.var(axis=0).sum(axis=1)))))
         left += len(true) - len(own)
         rows.append(np.column_stack([part, np.hypot(*errors(found, true, scaled=False)[:, :2].T)]))
         print(

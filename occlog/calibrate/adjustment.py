@@ -684,7 +684,7 @@ class _Motion(NamedTuple):
         return below
 
     def rescaled(self, states: Floats, absorbed: Floats) -> _Motion:
-        """Densities re-estimated from the changes in `states` (K, 6), of which the estimates take up (D,) `absorbed`."""
+        """Re-estimate the densities from the changes in `states` (K, 6); estimates take up (D,) `absorbed` of them."""
         off, densities = self._off(states)[:, :4], self.densities.copy()
         for k, (push, root) in enumerate(zip(self.pushes(states), self._measuring(), strict=True)):
             whole = np.einsum("lji,ljk,lki->", root, self.precision[:, :4, :4], root)

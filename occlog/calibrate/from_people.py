@@ -290,7 +290,11 @@ def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig
         *outcome(SEARCH, () if found.converged else (finding(SEARCH, "adjustment-not-converged"),)),
         *outcome(STATED, _moved(found, stated, config, metre), unless="" if known else "no poses are stated"),
         *_clocks(found),
-        *outcome(PASSAGES, _passages(found) if found.handovers else (), unless="" if found.handovers else "cameras share views"),
+        *outcome(
+            PASSAGES,
+            _passages(found),
+            unless="" if found.handovers else "cameras share views",
+        ),
     )
 
 
@@ -310,6 +314,8 @@ def _loose(found: Calibrated) -> Iterator[Check]:
 def _passages(found: Calibrated) -> Iterator[Check]:
     """Findings about people who pass between cameras that share no view."""
     total = found.handovers + found.ambiguous
+    if not total:
+        return
     yield finding(PASSAGES, "no-common-view", count=found.handovers)
     if found.ambiguous > MAX_AMBIGUOUS * total:
         yield finding(PASSAGES, "passages-ambiguous", count=found.ambiguous, total=total)

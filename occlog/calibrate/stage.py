@@ -24,7 +24,7 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.geometry.camera import angles_from_rotation, rotation_from_angles
-from occlog.errors import InputError, option
+from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.track.methods.jipda.config import JipdaConfig
 from occlog.track.methods.sort.config import SortConfig
@@ -55,8 +55,8 @@ from .microphones.arrays import Path
 from .people import MAX_GAP_S as MAX_UNSEEN_S
 from .people import MAX_KNOTS, Tracklet, observations, on_grid, persons
 from .starts.alignment import Complexes, PairAlignment, PlanarPose, align_pair, joined
-from .starts.handovers import handovers, poses_of_handovers, walkers
 from .starts.ground_plane import GroundPlane, ground_plane
+from .starts.handovers import handovers, poses_of_handovers, walkers
 
 GRID_S = 0.25
 """Least step of the grid on which paths are compared [s]."""
@@ -228,12 +228,7 @@ def calibrate(
         step("handovers")
         return _calibrated_apart(cameras, planes, tracklets, body, config, metre, window_s, seed)
     now = _initial(cameras, planes, poses, times)
-    placed = [
-        t._replace(xy=pose.position + np.exp(1j * pose.yaw) * t.xy)
-        for own, pose in zip(tracklets, poses, strict=True)
-        for t in own
-        if pose is not None
-    ]
+    placed = [_in_common_frame(t, poses) for own in tracklets for t in own if poses[t.camera] is not None]
     group = persons(placed, now.clocks, times, MAX_GAP_S, height)
     rows = _rows(placed, group)
     step("adjust")
@@ -318,11 +313,10 @@ def _calibrated_apart(
                 f"{config.max_gap:g} s do not determine their poses; record more walks, by one person at a time",
                 id="insufficient-data",
             )
-        moved = [
-            t._replace(xy=poses[t.camera].position + np.exp(1j * poses[t.camera].yaw) * t.xy) for t in chains if used[t.camera]
-        ]
+        own = [k for k, t in enumerate(chains) if used[t.camera]]
+        moved = [_in_common_frame(chains[k], poses) for k in own]
         now = _Estimate([_turned(c, pose) for c, pose in zip(flat, poses, strict=True)], clocks)
-        rows = _rows(moved, person[[k for k, t in enumerate(chains) if used[t.camera]]])
+        rows = _rows(moved, person[own])
         sigma = _prior_sigmas(C, (), clocks=False, drift=False)
         final, seen = _adjusted(rows, now, used, body, sigma, window_s, WALKING, config.max_gap, level)
         loose = np.zeros((C, PARAMETERS), dtype=np.bool_)
@@ -457,7 +451,10 @@ def _as_stated(camera: Camera, plane: GroundPlane | None, config: CalibrateConfi
         return None
     if config.sigma_height is not None:
         if not camera.above_floor:
-            raise InputError(f"camera {camera.name} states no height, and sigma_height is given", id="insufficient-data")
+            raise InputError(
+                f"camera {camera.name} states no height, which sigma_height needs; state its position in the scene",
+                id="insufficient-data",
+            )
         plane = plane._replace(height=float(camera.position[2]))
     if config.sigma_tilt is not None:
         _, pitch, roll = angles_from_rotation(camera.rotation)
@@ -478,6 +475,13 @@ def _chains(seen: Observations, done: Adjusted) -> tuple[list[Tracklet], list[Co
     camera, box = seen.camera[order], seen.box[order]
     spans = [slice(a, b) for a, b in zip(seen.first[:-1].tolist(), seen.first[1:].tolist(), strict=True)]
     return [Tracklet(int(camera[s.start]), seen.time[s], box[s], at[s]) for s in spans], [speed[s] for s in spans]
+
+
+def _in_common_frame(track: Tracklet, poses: Sequence[PlanarPose | None]) -> Tracklet:
+    """A track in the level frame of its camera, moved to the frame of the cameras' poses; its camera has one."""
+    pose = poses[track.camera]
+    assert pose is not None
+    return track._replace(xy=pose.position + np.exp(1j * pose.yaw) * track.xy)
 
 
 def _turned(camera: Camera, pose: PlanarPose | None) -> Camera:

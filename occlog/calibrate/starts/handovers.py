@@ -11,6 +11,7 @@ Who passes is decided by time: a track continues the one that ended before it, i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -96,7 +97,7 @@ def handovers(tracklets: Sequence[Tracklet], velocities: Sequence[Complexes], pe
     camera, seconds, ends = [], [], []
     for k in np.unique(person).tolist():
         own = sorted(np.flatnonzero(person == k).tolist(), key=lambda i: float(tracklets[i].t_s[0]))
-        for i, j in zip(own[:-1], own[1:], strict=True):
+        for i, j in pairwise(own):
             a, b = tracklets[i], tracklets[j]
             camera.append((a.camera, b.camera))
             seconds.append(b.t_s[0] - a.t_s[-1])
@@ -128,9 +129,7 @@ def poses_of_handovers(seen: Handovers, count: int, metre: float, rng: np.random
     part = Handovers(number[seen.camera[keep]], seen.seconds[keep], seen.position[keep], seen.velocity[keep])
     tried = [_tree(part, len(own), rng.permutation(len(part.seconds))) for _ in range(TREES)]
     costs = np.array([np.sum(_residuals(part, yaw, at, metre) ** 2) for yaw, at in tried])
-    found = []
-    for k in np.argsort(costs, kind="stable")[:REFINED].tolist():
-        found.append(_refined(part, *tried[k], metre))
+    found = [_refined(part, tried[k], metre) for k in np.argsort(costs, kind="stable")[:REFINED].tolist()]
     best = min(found, key=lambda each: each[0])
     doubtful = np.zeros(len(own), dtype=np.bool_)
     for cost, yaw, at in found:
@@ -196,14 +195,18 @@ def _residuals(seen: Handovers, yaw: Floats, at: Complexes, metre: float) -> Flo
     return np.hstack([off.real * root, off.imag * root])
 
 
-def _refined(seen: Handovers, yaw: Floats, at: Complexes, metre: float) -> tuple[float, Floats, Complexes]:
-    """Cost, yaws and positions of a local optimum near a start; the first camera is held."""
+def _refined(seen: Handovers, start: tuple[Floats, Complexes], metre: float) -> tuple[float, Floats, Complexes]:
+    """Cost, yaws [rad] and complex positions of a local optimum near a start (yaws, positions); camera 0 is held."""
+    yaw, at = start
     n = len(yaw) - 1
 
     def of(values: Floats) -> tuple[Floats, Complexes]:
         turned, x, y = values.reshape(3, n)
         return np.append(0.0, turned), np.append(0.0, metre * (x + 1j * y))
 
-    start = np.concatenate([yaw[1:], at[1:].real / metre, at[1:].imag / metre])
-    found = least_squares(lambda values: _residuals(seen, *of(values), metre).ravel(), start, max_nfev=50)
+    def residuals(values: Floats) -> Floats:
+        return _residuals(seen, *of(values), metre).ravel()
+
+    begin = np.concatenate([yaw[1:], at[1:].real / metre, at[1:].imag / metre])
+    found = least_squares(residuals, begin, max_nfev=50)
     return float(found.cost), *of(found.x)
