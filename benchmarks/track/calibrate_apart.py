@@ -31,6 +31,7 @@ from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth
 from occlog.track.methods.jipda.kernels.body_box import pack_views
+from occlog.track.people.frame_detections import FrameDetectionsWithIds
 
 NAME = "calibrate-apart"
 SUMMARY = "8 cameras without a common view, ten walks of a minute: largest error of yaw over the limit [deg]"
@@ -158,7 +159,9 @@ def boxes_of_ellipsoids(
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (box[:, :2] + box[:, 2:])
         seen = ((middle > 0.0) & (middle < size - 1.0)).all(axis=1) & (rng.random(T * n) >= detector.miss)
-    return np.column_stack([np.repeat(numbers, n), np.clip(box, 0.0, np.tile(size, 2))])[seen]
+    box = np.clip(box, 0.0, np.tile(size, 2))
+    seen &= (box[:, 2] - box[:, 0] > 4.0) & (box[:, 3] - box[:, 1] > 8.0)
+    return np.asarray(np.column_stack([np.repeat(numbers, n), box])[seen])
 
 
 def rig(seed: int, hall: Hall) -> _rigs.Rig:
@@ -217,6 +220,18 @@ def errors(found: Calibrated, true: list[Camera], *, scaled: bool) -> Floats:
     return np.column_stack([off.real, off.imag, np.degrees(yaw), *square])
 
 
+def recorded(made: _rigs.Rig) -> list[FrameDetectionsWithIds]:
+    """Frames of cameras that record within a second of a box."""
+    near = {
+        (c, k + d)
+        for c, name in enumerate(made.names)
+        for k in made.boxes[name][:, 0].astype(int).tolist()
+        for d in range(-round(FPS), round(FPS) + 1)
+    }
+    every = frames_of(made, np.zeros(len(made.names)))
+    return [each for each in every if (each.detections.camera, each.frame) in near]
+
+
 def measured(seeds: Iterable[int], hall: Hall, *, levels: bool) -> dict[str, Any]:
     """Errors over halls; each is printed."""
     config = CalibrateConfig(sigma_tilt=SIGMA_TILT, sigma_height=SIGMA_HEIGHT) if levels else CalibrateConfig()
@@ -224,8 +239,7 @@ def measured(seeds: Iterable[int], hall: Hall, *, levels: bool) -> dict[str, Any
     for seed in seeds:
         made = rig(seed, hall)
         true = [made.cameras[name] for name in made.names]
-        per = round((WALK_S + PAUSE_S) * FPS)
-        frames = [each for each in frames_of(made, np.zeros(len(true))) if each.frame % per < WALK_S * FPS]
+        frames = recorded(made)
         start = stated(true, np.random.default_rng((seed, 5)), levels=levels)
         try:
             found = calibrate(frames, Scene(tuple(start)), start, config, seed=seed)

@@ -3,7 +3,8 @@
 Parameters are the cameras (orientation, position, focal length, radial distortion, clock offset and drift), the path of
 each person (position and velocity at every time step, one height and width), the mean height of people, and the bias of
 the upper and lower edges of boxes, in common and of each camera. Measurements are the edges of boxes, by the body model
-of method `jipda`; paths have white acceleration. Errors have a Student t distribution, by iteratively reweighted least
+of method `jipda`; paths have white acceleration, and between views that are not shared its changes have a t
+distribution, as people may turn there. Errors have a Student t distribution, by iteratively reweighted least
 squares. Each Levenberg-Marquardt step eliminates the paths, which are chains in time, by banded Cholesky factors, and
 solves for the cameras (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, Sec. 6). Standard deviations are those of an
 M-estimator (Huber and Ronchetti 2009, Sec. 7.6), with the scale of errors corrected for the degrees of freedom of the
@@ -140,7 +141,8 @@ class PathPrior(NamedTuple):
     """Prior of the paths of people.
 
     Attributes:
-        acceleration: spectral density of the acceleration per axis, to start from [m^2/s^3].
+        acceleration: spectral density of the acceleration per axis [m^2/s^3], to start from; with a t distribution
+            that where people are seen is held, and that between views is learned.
         jitter: density of a random walk of the position per axis, such as by steps, to start from [m^2/s]; 0: none.
         degrees: degrees of freedom of the t distribution of each change of the state; inf: Gaussian.
     """
@@ -620,7 +622,7 @@ class _Motion(NamedTuple):
     precision: Floats  # (L, 6, 6)
     apart: Bools  # (L,) no camera sees the person at both knots
     roots: Floats  # (D, L, 4, 4) of covariances of position and velocity, per unit of each density
-    densities: Floats  # (D,) of the acceleration and the random walk
+    densities: Floats  # (D,) of the acceleration, that of changes that are `apart`, and the random walk
     limits: Floats  # (D, 2)
     body: Floats  # (L,) variances of the changes of height and of width
     degrees: float  # of the t distribution
@@ -642,19 +644,9 @@ class _Motion(NamedTuple):
         return np.where(self.apart, weight / self.inflation, weight)
 
     def pushes(self, states: Floats) -> list[Floats]:
-        """For each density (L, 4, 4) matrices U: the sum of |U' d|^2 of the changes d (L, 4) measures it.
-
-        With a t distribution the acceleration is that between views, where poses depend on it.
-        """
+        """For each density (L, 4, 4) matrices U: the sum of |U' d|^2 of the changes d (L, 4) measures it."""
         weight = np.sqrt(self.weights(states))[:, None, None]
-        return [weight * (self.precision[:, :4, :4] @ root) for root in self._measuring()]
-
-    def _measuring(self) -> Floats:
-        """(D, L, 4, 4) `roots`, 0 for changes that do not measure a density."""
-        out = self.roots.copy()
-        if np.isfinite(self.degrees):
-            out[0, ~self.apart] = 0.0
-        return out
+        return [weight * (self.precision[:, :4, :4] @ root) for root in self.roots]
 
     def cost(self, states: Floats) -> float:
         """Negative log prior of all transitions between `states` (K, 6), up to a constant."""
@@ -686,7 +678,7 @@ class _Motion(NamedTuple):
     def rescaled(self, states: Floats, absorbed: Floats) -> _Motion:
         """Re-estimate the densities from the changes in `states` (K, 6); estimates take up (D,) `absorbed` of them."""
         off, densities = self._off(states)[:, :4], self.densities.copy()
-        for k, (push, root) in enumerate(zip(self.pushes(states), self._measuring(), strict=True)):
+        for k, (push, root) in enumerate(zip(self.pushes(states), self.roots, strict=True)):
             whole = np.einsum("lji,ljk,lki->", root, self.precision[:, :4, :4], root)
             square = (np.einsum("lji,lj->li", push, off) ** 2).sum()
             densities[k] *= square / max(whole - absorbed[k], 0.01 * whole) if whole > 0.0 else 1.0
@@ -711,7 +703,7 @@ class _Motion(NamedTuple):
         v, square = self.degrees, self.squares(states)[self.apart]
         weight = (v + 4.0) / (v + square)
         slope = float((weight * (1.0 - 0.5 * square / (v + square))).mean())
-        left = max(1.0 - float(absorbed[0] * self.densities[0]) / (4.0 * len(square)), 0.1)
+        left = max(1.0 - float(absorbed[1] * self.densities[1]) / (4.0 * len(square)), 0.1)
         influence = float((weight**2 * square).mean()) / (4.0 * left)
         return self._replace(inflation=max(influence * float(weight.mean()) / slope**2, 1.0))
 
@@ -741,7 +733,8 @@ def _motion(seen: Observations, metre: float, prior: PathPrior, count: int) -> _
     roots, start = [root], [prior.acceleration]
     limits = [(MIN_ACCELERATION, MAX_ACCELERATION)]
     if np.isfinite(prior.degrees):
-        limits = [(MIN_APART, MAX_ACCELERATION)]
+        roots = [root * ~apart[:, None, None], root * apart[:, None, None]]
+        start, limits = start * 2, [(prior.acceleration, prior.acceleration), (MIN_APART, MAX_ACCELERATION)]
     if prior.jitter > 0.0:
         roots, start, limits = [*roots, walk], [*start, prior.jitter], [*limits, (MIN_JITTER, MAX_JITTER)]
     made = _Motion(

@@ -10,6 +10,8 @@
 
 5. The result, determined up to a common similarity transform of all cameras, is fitted to the stated poses and the mean
    height of people.
+
+Cameras that share no view are calibrated by people who pass from one view to the next, in place of steps 2 to 4.
 """
 
 from __future__ import annotations
@@ -167,7 +169,7 @@ class _Estimate(NamedTuple):
 
 
 Rows = list[tuple[int, int, float, Floats, complex]]
-WALKING = PathPrior(0.01, 0.002, 4.0)
+WALKING = PathPrior(0.005, 0.002, 4.0)
 """Prior of paths that pass from view to view: people may turn where no camera sees them."""
 MAX_SIGMA_YAW, MAX_SIGMA_POSITION = np.radians(5.0), 1.0
 """Standard deviations [rad, m] from which a camera without a common view is left as it was."""
