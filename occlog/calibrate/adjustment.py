@@ -47,6 +47,9 @@ MIN_APART = 0.001
 """Least density of the acceleration where it is learned between views [m^2/s^3]."""
 MIN_JITTER, MAX_JITTER = 1e-6, 0.05
 """Limits of the density of the random walk of the position [m^2/s]."""
+HELD_LEVEL = 0.05
+"""Stated inclinations and heights are held to this share of their standard deviations: the mode of the paths would
+shrink them, since smaller paths have smaller accelerations."""
 BODY_DRIFT = 0.01
 """Standard deviation by which height and width of a person change in one second, in metres."""
 SIGMA_SPEED = 1.0
@@ -233,11 +236,14 @@ class Adjustment:
         with np.errstate(divide="ignore"):
             precision = np.where(self.sigma_prior > 0.0, 1.0 / self.sigma_prior**2, 0.0).ravel()
         self.precision = np.diag(np.append(precision, [1.0 / self.body.sigma_mean**2] + [0.0] * (COMMON - 1)))
+        self.stated = np.zeros_like(self.precision)
         for c, camera in enumerate(self.cameras):
             # Turns in the camera's frame that incline it: all but those about the vertical
             up, own = camera.rotation[2], PARAMETERS * c + np.arange(3)
-            self.precision[np.ix_(own, own)] += (np.eye(3) - np.outer(up, up)) / self.level[0] ** 2
-            self.precision[own[0] + 5, own[0] + 5] += 1.0 / self.level[1] ** 2
+            self.stated[np.ix_(own, own)] = (np.eye(3) - np.outer(up, up)) / self.level[0] ** 2
+            self.stated[own[0] + 5, own[0] + 5] = 1.0 / self.level[1] ** 2
+        self.stated /= HELD_LEVEL**2
+        self.precision += self.stated
         bias: Floats = np.zeros((C, PARAMETERS))
         bias[:, UPPER:] = SIGMA_OWN_BIAS
         self.sigma_bias = np.append(bias.ravel(), [0.0, *SIGMA_COMMON])
@@ -560,8 +566,9 @@ class Adjustment:
     def _covariance(self, equations: _Equations, correlation: Floats) -> Floats:
         """(C 12, C 12) covariance of the camera parameters.
 
-        Biases of edges are consider parameters (Schmidt 1966): they are not estimated, since small errors of the body
-        model would make them large, but their effect on the estimates is added.
+        Biases of edges and stated inclinations and heights are consider parameters (Schmidt 1966): they are not
+        estimated, since small errors of the body model would make biases large, but their effect on the estimates is
+        added.
 
         Args:
             equations: normal equations at the solution.
@@ -572,8 +579,11 @@ class Adjustment:
                 equations.states, self._absorbed(equations)[1] + self._of_cameras(equations)
             )
         exact = self._reduced(equations, 0.0).matrix
-        gain = self._inverse(exact) @ (exact * self.sigma_bias)
-        covariance = self._inverse(self._reduced(equations, 0.0, correlation).matrix) + gain @ gain.T
+        inverse = self._inverse(exact)
+        gain = inverse @ (exact * self.sigma_bias)
+        # Of the errors of what is stated the inverse contains a small share already
+        held = inverse @ self.stated @ inverse * (HELD_LEVEL**-2 - 1.0)
+        covariance = self._inverse(self._reduced(equations, 0.0, correlation).matrix) + gain @ gain.T + held
         return np.asarray(covariance[:-COMMON, :-COMMON])
 
 

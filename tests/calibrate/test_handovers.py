@@ -37,9 +37,16 @@ def test_tracks_that_follow_one_another_are_of_one_person() -> None:
     assert ambiguous == 0
 
 
+def test_views_may_meet() -> None:
+    """A person is seen by two cameras for 0.4 s, and by a third one 2 s later."""
+    person, ambiguous = walkers([track(0, 0, 4), track(1, 3.6, 8), track(2, 10, 12)], 10.0)
+    assert len(set(person.tolist())) == 1
+    assert ambiguous == 0
+
+
 def test_handovers_of_two_people_at_once_are_left_out() -> None:
     """While one person is not seen, another one is; and two people leave before one enters."""
-    person, ambiguous = walkers([track(0, 0, 4), track(2, 3, 6), track(1, 7, 10)], 10.0)
+    person, ambiguous = walkers([track(0, 0, 4), track(2, 2, 6), track(1, 7, 10)], 10.0)
     assert len(set(person.tolist())) == 3
     assert ambiguous == 1
 

@@ -27,6 +27,8 @@ DENSITY, SIGMA_POSITION, SIGMA_SPEED = 0.03, 0.15, 0.12
 [m/s] at the ends of tracks, per axis: of the search alone."""
 DEGREES = 3.0
 """Degrees of freedom of the t distribution of what is off at a handover: people may turn where no camera sees them."""
+MAX_OVERLAP_S = 0.5
+"""Time for which both views may see a person who passes [s]."""
 TREES, REFINED = 3000, 8
 """Random spanning trees, and how many of the best are refined."""
 MIN_HANDOVERS = 3
@@ -68,16 +70,16 @@ def walkers(tracklets: Sequence[Tracklet], max_gap_s: float) -> tuple[Ints, int]
     camera = np.array([t.camera for t in tracklets])
     person, ambiguous = np.arange(len(tracklets)), 0
     for j in np.argsort(begin, kind="stable").tolist():
-        ended = np.flatnonzero((end <= begin[j]) & (begin[j] - end <= max_gap_s))
-        if not len(ended):
+        before = (begin < begin[j]) & (end <= begin[j] + MAX_OVERLAP_S) & (begin[j] - end <= max_gap_s)
+        if not before.any():
             continue
-        i = int(ended[np.argmax(end[ended])])
+        i = int(np.argmax(np.where(before, end, -np.inf)))
         # A person alone is seen by no camera meanwhile, and whoever ended before was continued by track i
         meanwhile = (end > end[i]) & (begin < begin[j])
         meanwhile[[i, j]] = False
-        rivals = (end > begin[i]) & (end <= begin[j]) & (begin[j] - end <= max_gap_s)
+        rivals = before & (end > begin[i] + MAX_OVERLAP_S)
         rivals[i] = False
-        starts = (begin >= end[i]) & (begin - begin[j] <= 0.0)
+        starts = (begin >= end[i]) & (begin <= begin[j])
         starts[j] = False
         if meanwhile.any() or rivals.any() or starts.any():
             ambiguous += 1
@@ -185,10 +187,10 @@ def _residuals(seen: Handovers, yaw: Floats, at: Complexes, metre: float) -> Flo
     The motion is white acceleration: the change of the velocity, and the way less the mean velocity times the time, are
     independent. Densities are of the t distribution.
     """
-    turn, T = np.exp(1j * yaw[seen.camera]), seen.seconds
+    turn, T, span = np.exp(1j * yaw[seen.camera]), seen.seconds, np.abs(seen.seconds)
     p, v = at[seen.camera] + turn * seen.position, turn * seen.velocity
-    sigma_v = np.sqrt(2.0 * SIGMA_SPEED**2 + DENSITY * T) * metre
-    sigma_p = np.sqrt(2.0 * SIGMA_POSITION**2 + 0.5 * (SIGMA_SPEED * T) ** 2 + DENSITY * T**3 / 12.0) * metre
+    sigma_v = np.sqrt(2.0 * SIGMA_SPEED**2 + DENSITY * span) * metre
+    sigma_p = np.sqrt(2.0 * SIGMA_POSITION**2 + 0.5 * (SIGMA_SPEED * T) ** 2 + DENSITY * span**3 / 12.0) * metre
     off = np.column_stack([(v[:, 1] - v[:, 0]) / sigma_v, (p[:, 1] - p[:, 0] - T * v.mean(axis=1)) / sigma_p])
     square = np.maximum((np.abs(off) ** 2).sum(axis=1), 1e-12)
     root = np.sqrt((DEGREES + 4.0) * np.log1p(square / DEGREES) / square)[:, None]
