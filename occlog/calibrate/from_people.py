@@ -292,7 +292,7 @@ def _checks(found: Calibrated, stated: Sequence[Camera], config: CalibrateConfig
         *_clocks(found),
         *outcome(
             PASSAGES,
-            _passages(found),
+            _passages(found, config),
             unless="" if found.handovers else "cameras share views",
         ),
     )
@@ -311,12 +311,14 @@ def _loose(found: Calibrated) -> Iterator[Check]:
             yield finding(PARAMETERS, "parameter-undetermined", sensors=[each.camera.name], parameter=name)
 
 
-def _passages(found: Calibrated) -> Iterator[Check]:
+def _passages(found: Calibrated, config: CalibrateConfig) -> Iterator[Check]:
     """Findings about people who pass between cameras that share no view."""
     total = found.handovers + found.ambiguous
     if not total:
         return
     yield finding(PASSAGES, "no-common-view", count=found.handovers)
+    if config.sigma_height is None or config.sigma_tilt is None:
+        yield finding(PASSAGES, "levels-not-stated")
     if found.ambiguous > MAX_AMBIGUOUS * total:
         yield finding(PASSAGES, "passages-ambiguous", count=found.ambiguous, total=total)
 

@@ -398,6 +398,11 @@ VERDICT: dict[str, Message] = {
         "are taken to agree",
         "check the result on the floor plan",
     ),
+    "levels-not-stated": Message(
+        W,
+        "no view is shared, and heights or inclinations are not stated: standard deviations may be 3 times too small",
+        "state them in the scene, with {option[set]} sigma_height=0.02 and sigma_tilt=0.2",
+    ),
     "passages-ambiguous": Message(
         W,
         "{count} of {total} passages from view to view may be of several people and are not used",
