@@ -390,18 +390,18 @@ VERDICT: dict[str, Message] = {
     "camera-not-calibrated": Message(
         W,
         "camera {sensors} shares too few people with the others and is left as it was stated",
-        "record people who walk where it overlaps with another camera, or straight from its view to others",
+        "record people who walk where views overlap, or from its view to others",
     ),
     "no-common-view": Message(
         N,
-        "no two cameras share a view: calibrated by {count} passages from view to view, of one person at a time; clocks "
-        "are taken to agree",
-        "check the result on the floor plan",
+        "no two cameras share a view: calibrated by {count} passages of one person at a time between views, with equal "
+        "clocks",
+        "check the floor plan",
     ),
     "levels-not-stated": Message(
         W,
-        "no view is shared, and heights or inclinations are not stated: standard deviations may be 3 times too small",
-        "state them in the scene, with {option[set]} sigma_height=0.02 and sigma_tilt=0.2",
+        "heights or inclinations are not stated: standard deviations may be 3 times too small",
+        "state them, with {option[set]} sigma_height=0.02 and sigma_tilt=0.2",
     ),
     "passages-ambiguous": Message(
         W,
