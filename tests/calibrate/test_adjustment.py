@@ -56,8 +56,8 @@ PASSING = PathPrior(0.2, 0.002, 4.0)
 
 def problem(
     noise_px: float = 0.0,
-    paths: PathPrior = PathPrior(),
-    level: tuple[float, float] = (np.inf, np.inf),  # noqa: B008
+    paths: PathPrior = PathPrior(),  # noqa: B008
+    level: tuple[float, float] = (np.inf, np.inf),
 ) -> tuple[Adjustment, Floats]:
     """Cameras that are off by 2 degrees and 0.2 m, the first one held; and the true offsets of the clocks.
 
