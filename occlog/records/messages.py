@@ -390,7 +390,23 @@ VERDICT: dict[str, Message] = {
     "camera-not-calibrated": Message(
         W,
         "camera {sensors} shares too few people with the others and is left as it was stated",
-        "record people who walk where it overlaps with another camera",
+        "record people who walk where views overlap, or from its view to others",
+    ),
+    "no-common-view": Message(
+        N,
+        "no two cameras share a view: calibrated by {count} passages of one person at a time between views, with equal "
+        "clocks",
+        "check the floor plan",
+    ),
+    "levels-not-stated": Message(
+        W,
+        "heights or inclinations are not stated: standard deviations may be 3 times too small",
+        "state them, with {option[set]} sigma_height=0.02 and sigma_tilt=0.2",
+    ),
+    "passages-ambiguous": Message(
+        W,
+        "{count} of {total} passages from view to view may be of several people and are not used",
+        "record one person at a time",
     ),
     "parameter-undetermined": Message(
         W,
