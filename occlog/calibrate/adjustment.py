@@ -150,9 +150,10 @@ class Adjusted(NamedTuple):
         covariance: (C 12, C 12) covariance of `values`, row by row; 0 for fixed ones.
         states: (K, 6) x, y, vx, vy, height and width of the people at the knots.
         mean_height: mean height of people, in scene units.
-        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
+        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: this edge is not used, for
+            example because the border of the image truncates the box there.
         sigma: (N, 4) estimated standard deviations of the edges [px].
-        correlation: largest factor by which correlation and outliers of errors widen variances.
+        correlation: largest factor by which correlation in time and outliers of the boxes' errors multiply variances.
         converged: whether the search ended by itself.
     """
 

@@ -127,11 +127,13 @@ class Calibrated(NamedTuple):
         people: number of people who determine them.
         mean_height: mean height of people, in scene units.
         sigma_frame: (4,) standard deviations common to all cameras: x, y (scene units), yaw [rad], scale [1].
-        covariance: (C 12, C 12) of the parameters, relative to all cameras together.
-        correlation: factor by which the correlation of the boxes' errors in time widens variances.
+        covariance: (C 12, C 12) of the parameters of all cameras, each in the order of `CameraResult.sigma`, relative
+            to all cameras together.
+        correlation: largest factor by which correlation in time and outliers of the boxes' errors multiply variances.
         converged: whether the adjustment ended by itself.
         seen: N boxes that determine the result.
-        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
+        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: this edge is not used, for
+            example because the border of the image truncates the box there.
         paths: paths of the people, by the common clock.
     """
 
@@ -148,7 +150,7 @@ class Calibrated(NamedTuple):
 
 
 class _Estimate(NamedTuple):
-    """Cameras and clocks between the rounds of the estimation."""
+    """Cameras and clocks of all C cameras, as estimated so far between the rounds of association and adjustment."""
 
     cameras: list[Camera]
     clocks: Clocks
@@ -247,7 +249,10 @@ def calibrate(
 
 
 def _rows(tracklets: Sequence[Tracklet], group: Ints) -> Rows:
-    """Boxes of tracklets with their persons, as rows of `observations`; `group` (n,) has each tracklet's person."""
+    """Boxes of n tracklets, each as (person, camera, stamped time [s], box (4,), ground position x + i y).
+
+    `group` (n,) has the person of each tracklet.
+    """
     return [
         (int(person), t.camera, float(when), box, complex(at))
         for person, t in zip(group, tracklets, strict=True)
@@ -387,6 +392,8 @@ def _middle(values: Floats) -> float:
 def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift: bool) -> Floats:
     """(C, 12) prior standard deviations of the parameters of C = `count` cameras; 0: fixed, inf: free.
 
+    The parameters are in the order of `CameraResult.sigma`.
+
     Args:
         count: number of cameras.
         estimate: parameters of lenses that are estimated: `focal`, `radial`.
@@ -403,7 +410,9 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 12) mask of the cameras' parameters with a finite prior that the data hardly narrow.
+    """(C, 12) mask of the cameras' parameters that the data hardly narrow, in the order of `CameraResult.sigma`.
+
+    These have a finite prior, and a standard deviation above the share `DETERMINED` of the prior's.
 
     Args:
         done: adjustment, with the covariance of the parameters.
@@ -426,11 +435,11 @@ def _adjusted(
     The gauge is fixed by x and y of the two cameras farthest apart, and by the clock of the one with most boxes.
 
     Args:
-        rows: boxes with their persons (see `observations`).
+        rows: person, camera, stamped time [s], box (4,), and ground position x + i y, of each box.
         now: initial cameras and clocks.
         used: (C,) mask of cameras that are adjusted.
         body: prior of body sizes.
-        sigma: (C, 12) prior standard deviations; 0: fixed, inf: free.
+        sigma: (C, 12) prior standard deviations, in the order of `CameraResult.sigma`; 0: fixed, inf: free.
         window_s: width of a time step [s].
     """
     seen, states = observations(rows, now.clocks, window_s, [c.image_size for c in now.cameras], body)
@@ -466,8 +475,8 @@ def _associated(
 ) -> Rows:
     """Associate boxes with people by the multi-camera tracker, with the current cameras and clocks.
 
-    Returns the boxes that are with probability `MIN_ASSOCIATION` or more of one person alone, as rows of
-    `observations`.
+    Returns the boxes that are with probability `MIN_ASSOCIATION` or more of one person alone, each as (person, camera,
+    stamped time [s], box (4,), ground position x + i y).
 
     Args:
         frames: boxes of all cameras.
@@ -618,7 +627,7 @@ def _result(
         seen: its observations.
         clocks: clocks of the cameras.
         used: (C,) mask of cameras that were adjusted.
-        covariance: (C 12, C 12) of the parameters.
+        covariance: (C 12, C 12) of the parameters of all cameras, each in the order of `CameraResult.sigma`.
         frame: (4,) standard deviations common to all cameras: x, y, yaw [rad], scale [1].
         mean_height: mean height of people.
         undetermined: for each camera, names of parameters that the data hardly narrow.

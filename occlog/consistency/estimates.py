@@ -354,7 +354,8 @@ class SensorDisagreement:
     def judged(self, diagnostics: Diagnostics, residuals: Residuals) -> Diagnostics:
         """Return the diagnostics of the next rows, with the flag `inconsistent_sensor` set where a sensor contradicts.
 
-        A sensor contradicts where most of its bearings of the target in the last second are rejected.
+        A sensor contradicts where at least two thirds of its bearings of the target in the last second are rejected,
+        and at least `MIN_REJECTED_BEARINGS` of them.
 
         Args:
             diagnostics: rows in the order of time.

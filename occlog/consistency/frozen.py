@@ -72,7 +72,10 @@ class FrozenCameras:
                 self.add(name, t_ns, (count, *values) if values[0] == values[0] else None)
 
     def found(self) -> Iterator[FrozenFrames]:
-        """Generate the longest run of each camera that is frozen while another camera is not."""
+        """Generate the longest run of each camera that is frozen while another camera is not.
+
+        Cameras without such a run are skipped. Call it after the last frame.
+        """
         for known in self._cameras.values():
             self._end(known)
         for name, known in sorted(self._cameras.items()):

@@ -25,7 +25,14 @@ ARRAYS = "microphone arrays"
 
 
 def opened_directions(request: CalibrateRequest, inputs: ImageInput) -> Opened | None:
-    """Input with directions of arrival: the given file, or the input of the boxes; None if neither has any."""
+    """Input with directions of arrival: the given file, or else that of the boxes.
+
+    None if no file is given and the input of the boxes has no directions.
+
+    Raises:
+        InputError: the given file has no directions.
+        UsageError: it is of a scene with another unit of length.
+    """
     if request.doa is None:
         return inputs.opened if inputs.opened.has(Doa) else None
     opened = open_input(request.doa, Doa)

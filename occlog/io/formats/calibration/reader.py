@@ -116,7 +116,7 @@ class CalibrationFile(NamedTuple):
         unit: length unit of the files; cameras are in metres.
         notes: assumptions, in words.
         mirror: axis of the left-handed world that is yet to be negated; None: the world is right-handed.
-        checks: outcome of the check of what the files state.
+        checks: findings on unused keys, distances between cameras, and lenses.
     """
 
     cameras: tuple[Camera, ...]

@@ -81,7 +81,8 @@ def _checks(
 ) -> tuple[Check, ...]:
     """Check that every group has tracks, and that each group agrees with those before it.
 
-    The second check has no findings if all groups are empty.
+    A group without common times or matched people does not agree. The second check has no findings if all groups are
+    empty.
 
     Args:
         paths: file of each group.

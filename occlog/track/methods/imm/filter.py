@@ -83,14 +83,14 @@ class ImmState(NamedTuple):
 
 
 class Count(NamedTuple):
-    """Number of bearings of an array in a scan, and the number of targets in its range.
+    """Number of bearings of an array in a scan, and of the confirmed tracks in its range before the scan.
 
     `array` is its number, cameras not counted; `free` are the indices of the bearings assigned to no target.
     """
 
     array: int
     bearings: int
-    targets: int  # tracks in its range, before the scan
+    targets: int  # confirmed tracks in its range, before the scan
     free: Ints  # bearings of no target
 
 

@@ -245,7 +245,7 @@ def refined_positions(tracks: TagTracks, lines: RefineBearings, form: str) -> Ta
 
 
 def _velocities(tracks: TagTracks, before: Floats, covariance: Floats, found: Refined, form: str) -> dict[str, Floats]:
-    """Return the columns of velocities and their covariances given the refined positions, by name.
+    """Return the columns of velocities and their covariances, by name, given positions refined by lines of sight.
 
     For forms other than `rays` they are NaN in refined rows.
 

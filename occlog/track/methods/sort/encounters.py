@@ -49,7 +49,7 @@ class Encounters:
             yield from _events(pair, self._going_on.pop(pair)[0])
 
     def finish(self) -> Iterator[Event]:
-        """Generate the events of all ongoing encounters, which end."""
+        """End all ongoing encounters, and generate their events."""
         for pair, (probability, _) in self._going_on.items():
             yield from _events(pair, probability)
         self._going_on = {}

@@ -257,7 +257,10 @@ class FrameClock(NamedTuple):
 
 
 class VisualState(NamedTuple):
-    """State of all trackers of all V views between time steps; `advance` makes the next one."""
+    """State of all trackers of all V views between time steps.
+
+    `advance` makes the next one and reuses buffers, so that the state before must not be used again.
+    """
 
     views: tuple[TrackedView, ...]
     geometry: ViewGeometry
