@@ -263,7 +263,7 @@ class RequestEntry(NamedTuple):
     """A field of a request, or a setting in one of its groups.
 
     Attributes:
-        key: name on all surfaces, which spell it in their own ways.
+        key: name, for example `max_gap`; the command line spells it `--max-gap`.
         field: name of the request's field; for a setting that of its group.
         owner: class that declares it: the request's, or the settings class of the group.
         of: the dataclass field of `owner`.
@@ -344,7 +344,7 @@ class Form:
         return {name: of for name, of in made.items() if of is not None}
 
     def _in_group(self, f: Field[Any], of: SettingsGroup) -> Iterator[RequestEntry]:
-        """Generate the offered settings of a group that have an option."""
+        """Generate the offered settings with an option of a group; `f` is its field, `of` its declaration."""
         settings = self.classes().get(f.name)
         if settings is None:
             return

@@ -154,7 +154,7 @@ class Adjusted(NamedTuple):
             example because the border of the image truncates the box there.
         sigma: (N, 4) estimated standard deviations of the edges [px].
         correlation: largest factor by which correlation in time and outliers of the boxes' errors multiply variances.
-        converged: whether the search ended by itself.
+        converged: whether the search converged before the limit of iterations.
     """
 
     cameras: list[Camera]
@@ -198,7 +198,8 @@ class Adjustment:
         seen: observed boxes at K knots of the paths.
         states: (K, 6) initial x, y, vx, vy, height and width of the people at the knots; updated.
         body: prior of body sizes.
-        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters; 0: fixed; inf: free.
+        sigma_prior: (C, 12) prior standard deviations of the changes of the parameters, in the order of
+            `Adjusted.values`; 0: fixed; inf: free.
         clocks: initial clocks, which are also the means of their priors.
         noise: initial noise of the edges.
     """
@@ -296,7 +297,10 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each box after that of its knot [s], with the parameters `values` (C 12 + 6,)."""
+        """(N,) true time of each box after that of its knot [s], given the parameters `values` (C 12 + 6,).
+
+        They are `Adjusted.values` row by row, then the six that all cameras have in common.
+        """
         seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
@@ -304,7 +308,8 @@ class Adjustment:
     def _equations(self, values: Floats, states: Floats) -> _Equations:
         """Residuals, robust cost, weights and derivatives at the parameters `values` and the path states `states`.
 
-        Shapes (C 12 + 6,) and (K, 6): x, y, vx, vy, height, width at each knot.
+        `values` (C 12 + 6,) are `Adjusted.values` row by row, then the change of the mean height and five biases that
+        all cameras have in common; `states` (K, 6) are x, y, vx, vy, height and width at each knot.
         """
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
@@ -557,7 +562,7 @@ class Adjustment:
 
 
 def _time_factor(x: Floats, group: Ints, total: float) -> float:
-    """Factor by which autocorrelation in time widens the variance of a mean of errors, at least 1.
+    """Factor by which autocorrelation in time multiplies the variance of a mean of errors, at least 1.
 
     Args:
         x: (N, E) errors, those of a group one after the other in the order of time.
@@ -659,7 +664,7 @@ def _motion(seen: Observations, metre: float, acceleration: float) -> _Motion:
 
 
 def _roots(motion: _Motion) -> Floats:
-    """(L, 4, 4) Cholesky factors R of the precisions P = R R' of position and velocity."""
+    """(L, 4, 4) Cholesky factors R of the precisions P = R R' of x, y, vx, vy in the L transitions of a path prior."""
     return np.asarray(np.linalg.cholesky(motion.precision[:, :4, :4]))
 
 

@@ -130,7 +130,7 @@ class Calibrated(NamedTuple):
         covariance: (C 12, C 12) of the parameters of all cameras, each in the order of `CameraResult.sigma`, relative
             to all cameras together.
         correlation: largest factor by which correlation in time and outliers of the boxes' errors multiply variances.
-        converged: whether the adjustment ended by itself.
+        converged: whether the adjustment converged before the limit of iterations.
         seen: N boxes that determine the result.
         residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: this edge is not used, for
             example because the border of the image truncates the box there.

@@ -167,7 +167,7 @@ def read_calibration(
 def _unused(options: CalibrationOptions) -> Iterator[Check]:
     """Yield findings on unused keys of calibration files.
 
-    One is on keys that by their names may change a camera, one on the others.
+    One is on keys that by their names (`OF_CAMERAS`) may change a camera, one on all others.
     """
     for kind, suspect in (("calibration-keys-unused", True), ("calibration-keys-other", False)):
         every = [
