@@ -344,7 +344,7 @@ class Form:
         return {name: of for name, of in made.items() if of is not None}
 
     def _in_group(self, f: Field[Any], of: SettingsGroup) -> Iterator[RequestEntry]:
-        """Generate the offered settings with an option of a group; `f` is its field, `of` its declaration."""
+        """Generate the settings of a group that are offered and have an option; `f` is the group's field."""
         settings = self.classes().get(f.name)
         if settings is None:
             return

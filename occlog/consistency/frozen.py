@@ -28,7 +28,7 @@ class FrozenFrames(NamedTuple):
 
 @dataclass
 class _CameraRuns:
-    """State of one camera: content of its last frame, the current run of identical frames, and earlier long runs.
+    """State of one camera: content of its last frame, current run of identical frames, and earlier long runs (`runs`).
 
     `first_ns` and `last_ns` are the times of its first and last frame [ns].
     """

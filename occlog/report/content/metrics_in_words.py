@@ -29,7 +29,7 @@ LONGEST_FIRST = sorted(METRICS, key=lambda metric: -len(metric.name))
 
 @dataclass(frozen=True)
 class Figure:
-    """Table row of a figure: name, value as text, unit, and its meaning in words."""
+    """Table row of a figure: name, value as text, unit (empty: none), and its meaning in words (`note`)."""
 
     name: str
     value: str
@@ -72,7 +72,11 @@ Value = str | int | float | np.number | np.bool_ | None
 
 
 class MetricValue(NamedTuple):
-    """Value of a metric, with its unit and its target or sensor."""
+    """Value of a metric, with the unit in which its name ends, and the target, sensor or kind of box that it is of.
+
+    `settled`: only after the settling time; `kind` is `target`, `sensor`, `box`, or empty for a value of all together;
+    `subject` is the identity or name of that one.
+    """
 
     metric: Metric
     unit: str  # in which the name ends, "" for none

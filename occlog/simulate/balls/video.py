@@ -168,7 +168,7 @@ def _noise(config: BallsConfig, rng: np.random.Generator) -> Floats32:
 
 
 def football_faces() -> Floats:
-    """(32, 3) unit normals of the faces of a truncated icosahedron, each over the face's distance from the centre.
+    """(32, 3) unit normals of a truncated icosahedron's faces, each divided by the face's distance from the centre.
 
     Edges have the length 1. First the 12 pentagons, then the 20 hexagons.
     """

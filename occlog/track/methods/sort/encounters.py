@@ -31,7 +31,9 @@ class Encounters:
         self._going_on: dict[tuple[int, int], list[float]] = {}
 
     def add(self, t_ns: int, ids: Ints, ratio: Floats, target: Ints, box: Ints) -> Iterator[Event]:
-        """Add a frame, and generate the events of the encounters that have ended.
+        """Add a frame, and generate the events of the encounters that have ended by it.
+
+        An event is a possible identity switch with the largest probability in the encounter, once for each of the two.
 
         Args:
             t_ns: time of the frame [ns].
