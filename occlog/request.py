@@ -65,7 +65,8 @@ class SettingsGroup:
     """Declaration of a request's field that contains the given settings of a settings class, by name.
 
     Attributes:
-        of: returns the settings class; None: the form of the request states it (for example by tracking method).
+        of: returns the settings class; None: it is in `Form.settings`, by the name of the field (for example one for
+            each tracking method).
         only: names of the settings that can be given; empty: all.
         without: names of settings that cannot be given.
         under: prefix of the settings' options.
@@ -172,10 +173,10 @@ def number_of_threads() -> Any:
 
 
 def group(of: Callable[[], type[Settings]] | None, **declared_of: Any) -> Any:
-    """Declare a request's field that contains given settings of a class, by name; empty by default.
+    """Declare a request's field with a group of settings: those that are given, values by name; empty by default.
 
     Args:
-        of: returns the settings class; None: the form of the request states it.
+        of: returns the settings class; None: it is in `Form.settings`, by the name of the field.
         **declared_of: further attributes of the `SettingsGroup` declaration.
     """
     return field(default_factory=dict, metadata={"group": SettingsGroup(of, **declared_of)})
@@ -262,7 +263,7 @@ class RequestEntry(NamedTuple):
     """A field of a request, or a setting in one of its groups.
 
     Attributes:
-        key: name on all surfaces, which spell it in their own ways.
+        key: name, for example `max_gap`; the command line spells it `--max-gap`.
         field: name of the request's field; for a setting that of its group.
         owner: class that declares it: the request's, or the settings class of the group.
         of: the dataclass field of `owner`.
@@ -334,13 +335,16 @@ class Form:
                 yield RequestEntry(_key(f), f.name, self.request, f, None)
 
     def classes(self) -> dict[str, type[Settings]]:
-        """Return the settings class of each group of this form, by the group's field."""
+        """Return the settings class of each group of this form, by the name of the group's field.
+
+        A class in `settings` has precedence over the group's own; groups without any class are missing.
+        """
         groups = {f.name: f.metadata["group"].of for f in fields(self.request) if "group" in f.metadata}
         made = {name: self.settings.get(name) or (of() if of is not None else None) for name, of in groups.items()}
         return {name: of for name, of in made.items() if of is not None}
 
     def _in_group(self, f: Field[Any], of: SettingsGroup) -> Iterator[RequestEntry]:
-        """Generate the offered settings of a group that have an option."""
+        """Generate the settings of a group that are offered and have an option; `f` is the group's field."""
         settings = self.classes().get(f.name)
         if settings is None:
             return
@@ -352,7 +356,7 @@ class Form:
                 yield RequestEntry(_under(under, _key(each)), f.name, settings, each, of, under)
 
     def set_group(self) -> tuple[str, str] | None:
-        """Return (name, example) of the group that `--set` gives the settings of; None if there is none."""
+        """Return (field, example of NAME=VALUE) of the group to which `--set` gives settings; None if there is none."""
         groups = ((f.name, f.metadata["group"].example) for f in fields(self.request) if "group" in f.metadata)
         return next(((name, example) for name, example in groups if example), None)
 

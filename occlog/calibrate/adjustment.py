@@ -173,10 +173,11 @@ class Adjusted(NamedTuple):
         covariance: (C 12, C 12) covariance of `values`, row by row; 0 for fixed ones.
         states: (K, 6) x, y, vx, vy, height and width of the people at the knots.
         mean_height: mean height of people, in scene units.
-        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: not used.
+        residual: (N, 4) observed minus expected edges left, top, right, bottom [px]; NaN: this edge is not used, for
+            example because the border of the image truncates the box there.
         sigma: (N, 4) estimated standard deviations of the edges [px].
-        correlation: largest factor by which correlation and outliers of errors widen variances.
-        converged: whether the search ended by itself.
+        correlation: largest factor by which correlation in time and outliers of the boxes' errors multiply variances.
+        converged: whether the search converged before the limit of iterations.
     """
 
     cameras: list[Camera]
@@ -331,7 +332,10 @@ class Adjustment:
         return False
 
     def _delays(self, values: Floats) -> Floats:
-        """(N,) true time of each box after that of its knot [s], with the parameters `values` (C 12 + 6,)."""
+        """(N,) true time of each box after that of its knot [s], given the parameters `values` (C 12 + 6,).
+
+        They are `Adjusted.values` row by row, then the six that all cameras have in common.
+        """
         seen, change = self.seen, values[:-COMMON].reshape(-1, PARAMETERS)
         clocks = Clocks(self.clocks.late + change[:, LATE], self.clocks.drift + change[:, DRIFT], self.clocks.origin)
         return np.asarray(seen.delay - clocks.errors(seen.camera, seen.stamps))
@@ -339,7 +343,8 @@ class Adjustment:
     def _equations(self, values: Floats, states: Floats) -> _Equations:
         """Residuals, robust cost, weights and derivatives at the parameters `values` and the path states `states`.
 
-        Shapes (C 12 + 6,) and (K, 6): x, y, vx, vy, height, width at each knot.
+        `values` (C 12 + 6,) are `Adjusted.values` row by row, then the change of the mean height and five biases that
+        all cameras have in common; `states` (K, 6) are x, y, vx, vy, height and width at each knot.
         """
         seen, C = self.seen, len(self.cameras)
         N = len(seen.camera)
@@ -612,7 +617,7 @@ class Adjustment:
 
 
 def _time_factor(x: Floats, group: Ints, total: float) -> float:
-    """Factor by which autocorrelation in time widens the variance of a mean of errors, at least 1.
+    """Factor by which autocorrelation in time multiplies the variance of a mean of errors, at least 1.
 
     Args:
         x: (N, E) errors, those of a group one after the other in the order of time.

@@ -163,7 +163,7 @@ class Calibrated(NamedTuple):
 
 
 class _Estimate(NamedTuple):
-    """Cameras and clocks between the rounds of the estimation."""
+    """Cameras and clocks of all C cameras, as estimated so far between the rounds of association and adjustment."""
 
     cameras: list[Camera]
     clocks: Clocks
@@ -331,7 +331,10 @@ def _calibrated_apart(
 
 
 def _rows(tracklets: Sequence[Tracklet], group: Ints) -> Rows:
-    """Boxes of tracklets with their persons, as rows of `observations`; `group` (n,) has each tracklet's person."""
+    """Boxes of n tracklets, each as (person, camera, stamped time [s], box (4,), ground position x + i y).
+
+    `group` (n,) has the person of each tracklet.
+    """
     return [
         (int(person), t.camera, float(when), box, complex(at))
         for person, t in zip(group, tracklets, strict=True)
@@ -539,6 +542,8 @@ def _middle(values: Floats) -> float:
 def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift: bool) -> Floats:
     """(C, 12) prior standard deviations of the parameters of C = `count` cameras; 0: fixed, inf: free.
 
+    The parameters are in the order of `CameraResult.sigma`.
+
     Args:
         count: number of cameras.
         estimate: parameters of lenses that are estimated: `focal`, `radial`.
@@ -555,7 +560,9 @@ def _prior_sigmas(count: int, estimate: Collection[str], *, clocks: bool, drift:
 
 
 def _undetermined(done: Adjusted, sigma: Floats) -> Bools:
-    """(C, 12) mask of the cameras' parameters with a finite prior that the data hardly narrow.
+    """(C, 12) mask of the cameras' parameters that the data hardly narrow, in the order of `CameraResult.sigma`.
+
+    These have a finite prior, and a standard deviation above the share `DETERMINED` of the prior's.
 
     Args:
         done: adjustment, with the covariance of the parameters.
@@ -634,8 +641,8 @@ def _associated(
 ) -> Rows:
     """Associate boxes with people by the multi-camera tracker, with the current cameras and clocks.
 
-    Returns the boxes that are with probability `MIN_ASSOCIATION` or more of one person alone, as rows of
-    `observations`.
+    Returns the boxes that are with probability `MIN_ASSOCIATION` or more of one person alone, each as (person, camera,
+    stamped time [s], box (4,), ground position x + i y).
 
     Args:
         frames: boxes of all cameras.
@@ -789,7 +796,7 @@ def _result(
         seen: its observations.
         clocks: clocks of the cameras.
         used: (C,) mask of cameras that were adjusted.
-        covariance: (C 12, C 12) of the parameters.
+        covariance: (C 12, C 12) of the parameters of all cameras, each in the order of `CameraResult.sigma`.
         frame: (4,) standard deviations common to all cameras: x, y, yaw [rad], scale [1].
         mean_height: mean height of people.
         undetermined: for each camera, names of parameters that the data hardly narrow.

@@ -329,7 +329,7 @@ class Explained(NamedTuple):
 
 
 def explain(error: Exception) -> Explained:
-    """Return message, exit code and id for the error that ends a command."""
+    """Return message, exit code and id for the error that ends a command; also for an unexpected one (a bug)."""
     if isinstance(error, click.UsageError):
         path = error.ctx.command_path if error.ctx else "occlog"
         message = error.format_message().rstrip(".")

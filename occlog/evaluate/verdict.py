@@ -322,7 +322,11 @@ def _number(metrics: Mapping[str, object], name: str) -> float:
 
 
 class SightEvidence:
-    """Accumulates evidence of bearings for and against tracks (residuals, confirmation), over a stream."""
+    """Compares bearings with tracks over a stream, interval by interval, and adds to a `ConsistencyEvidence`.
+
+    It adds the residuals of bearings, the numbers of bearings near no track, the intersections of bearings, and how
+    many bearings another sensor confirms.
+    """
 
     def __init__(
         self,
@@ -349,7 +353,7 @@ class SightEvidence:
 
     @property
     def margin_ns(self) -> int:
-        """Margin [ns] around a time interval within which tracks and bearings are needed."""
+        """How long before and after a time interval `update` needs tracks and bearings, too [ns]."""
         return self._made.window_ns + 1
 
     def update(
@@ -402,9 +406,9 @@ class SightEvidence:
 
 
 class _Alone:
-    """Counts bearings that are confirmed by another sensor.
+    """Counts bearings, those that another sensor confirms, and rejected ones, in place in a `ConsistencyEvidence`.
 
-    A bearing is counted once all rows near it in time are known.
+    A bearing is confirmed by one of the same target within 1 s. It is counted once all rows near it in time are known.
     """
 
     def __init__(self, evidence: ConsistencyEvidence) -> None:

@@ -46,9 +46,9 @@ KINDS = ("bound", "smoothed")
 
 
 class BoundDimensions(NamedTuple):
-    """Whether information is buffered on disk for the plane (x, y), for space (x, y, z), or for both.
+    """Whether Fisher information is buffered on disk for the plane (x, y), for space (x, y, z), or for both.
 
-    Which of them is used for a target is known after the last row only.
+    Which of them the bound of a target uses is known after the last row only.
     """
 
     ground: bool
@@ -69,10 +69,15 @@ class BoundDimensions(NamedTuple):
 class _BoundTarget:
     """State of the recursion of the Cramer-Rao bound for one target, between blocks of rows.
 
-    `first_ns`, `last_ns`: times [ns] of the first observation and of the last row so far (None: none); `errors`,
-    `late`: numbers of its estimates, and of those after the settling time; `in_space`: an error in space is known;
-    `ranged`: it has distance measurements; `d`: dimension of the bound, 2 or 3; `state`: matrix that the last block
-    passes on.
+    Attributes:
+        first_ns: time of the first observation [ns]; None: none.
+        errors, late: numbers of its estimates, and of those after the settling time.
+        in_space: an estimate and the truth both have a height at some time.
+        ranged: it has distance measurements.
+        d: dimension of the bound, 2 or 3.
+        last_ns: time of the last row so far [ns]; None: none.
+        state: matrix of the state passed on from block to block: forwards the filtering bound (a covariance) of the
+            last step, backwards the information of all later steps; None: no block yet.
     """
 
     first_ns: int | None = None  # of its first pass
@@ -136,12 +141,14 @@ class BoundSums:
         return out
 
     def result(self, unit: str, suffix: str, *, with_errors: bool) -> Metrics:
-        """Return RMS values of the bounds of filtering and smoothing by name.
+        """Return RMS values over all rows of the bounds of filtering and smoothing, by name; NaN without rows.
+
+        If rows have a bound in space, also those of the height and of the distance in space.
 
         Args:
             unit: unit of lengths, part of the names.
             suffix: part of the names, before the unit.
-            with_errors: whether to add the ratios of the RMSE of the estimates to the bounds.
+            with_errors: whether to add the ratios of the RMSE of the estimates to the bounds, and their number.
         """
         error, least, smoothed = (self._rms(name, self.rows) for name in ("error", *KINDS))
         out: Metrics = {f"bound_rmse{suffix}_{unit}": least}
@@ -324,8 +331,8 @@ class Bounds:
     def _forwards(self, information: Records, record: np.dtype[Any]) -> Records:
         """Return the filtering bound of a block of records (forward recursion).
 
-        Each row has its time step `dt` [s] and the matrix `filtered` (n, n) of the state. The last matrix of each
-        target is kept for the next block.
+        Each row has the time `dt` [s] since the target's row before, and the covariance `filtered` (n, n): the bound of
+        its state. The last one of each target is kept for the next block.
 
         Args:
             information: records of the block with Fisher information.

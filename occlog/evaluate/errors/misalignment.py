@@ -47,10 +47,10 @@ class Delay(NamedTuple):
     """A constant delay of the tracks.
 
     Attributes:
-        seconds: positive: estimates are those of an earlier time.
+        seconds: the delay [s]; positive: estimates are those of an earlier time.
         sigma: its standard error [s].
         gain: share of the squared errors, without their mean, that it explains.
-        limit: multiple of the standard error that errors without a delay exceed with `FALSE_PROBABILITY`.
+        limit: multiple of its standard error that the estimate exceeds with `FALSE_PROBABILITY` if there is no delay.
     """
 
     seconds: float
@@ -127,7 +127,7 @@ class DelaySums:
         return outcome(DELAY, reported, delay_s=found.seconds, sigma_s=found.sigma)
 
     def _rmse(self, found: Delay) -> tuple[float, float]:
-        """Return the RMSE of the pairs, and what it would be without the delay `found`."""
+        """Return the RMSE of the pairs, and what it would be without the delay `found`, in the unit of lengths."""
         n, _, _, vv, ev, ee = _parts(np.sum(list(self._windows.values()), axis=0))
         without = ee + 2.0 * found.seconds * ev + found.seconds**2 * vv
         return math.sqrt(ee / n), math.sqrt(max(without, 0.0) / n)
@@ -322,7 +322,10 @@ def _timed(tracks: Positions, factor: float, start: float, begin: float) -> Posi
 
 
 def _tolerance(tracks: Positions, truth: Positions) -> float:
-    """Return the largest time difference between compared estimates and true positions [s]."""
+    """Return the tolerance [s]: estimates and true positions further apart in time are not compared.
+
+    It is about half the longer of their median intervals, at most `MAX_TOLERANCE_S`.
+    """
     return min(0.51 * max(tracks.step, truth.step, 1e-6), MAX_TOLERANCE_S)
 
 
@@ -332,10 +335,11 @@ def _spread(rows: Ints, count: int = QUERIES) -> Ints:
 
 
 def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = False) -> float:
-    """Return the F1 score, 0 to 1, of positions that have a counterpart within `gate` and the time tolerance.
+    """Return the F1 score, 0 to 1, of positions that have a counterpart within the distance `gate` on each axis.
 
-    It is over the time that both have in common, or over all their time (`whole`); 0 if they have none in common. At
-    most `QUERIES` positions of each side are looked up.
+    The counterpart may also be about half a sampling interval earlier or later (`_tolerance`). The score is over the
+    time that both have in common, or over all their time (`whole`); 0 if they have too little in common. At most
+    `QUERIES` positions of each side are looked up.
     """
     tolerance = _tolerance(tracks, truth)
     rows = _common(tracks, truth, tolerance)
@@ -357,7 +361,8 @@ def _met(tracks: Positions, truth: Positions, gate: float, *, whole: bool = Fals
 def _common(tracks: Positions, truth: Positions, tolerance: float) -> list[Ints] | None:
     """Return the indices of the rows of `tracks` and of `truth` in their common time; None if that is too short.
 
-    `tolerance`: time difference [s] that still counts as common.
+    That is below the share `MIN_OVERLAP` of the shorter of both. `tolerance`: time [s] by which the common time is
+    extended on both sides.
     """
     first, last = max(tracks.t[0], truth.t[0]) - tolerance, min(tracks.t[-1], truth.t[-1]) + tolerance
     shorter = min(each.t[-1] - each.t[0] for each in (tracks, truth))

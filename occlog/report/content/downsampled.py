@@ -26,7 +26,7 @@ MAX_ROWS = 200_000
 MAX_TIME_STEPS = 10_000
 """Time steps of a replay."""
 MAX_SHOWN = 45_000
-"""Estimates, and true positions, of all time steps of a replay."""
+"""Estimates of all time steps of a replay, at most, and as many true positions."""
 MAX_MOVING = 40
 """Moving objects that are no targets and are drawn."""
 
@@ -138,8 +138,8 @@ def downsample_with(found: DownsampledTable[T], chunks: Iterable[T], pick: Calla
 def kept_steps(times: int, rows: Iterable[int]) -> int:
     """Return the smallest k such that every k-th time step keeps a replay within its limits.
 
-    These are `MAX_TIME_STEPS` times and `MAX_SHOWN` rows. `times`: number of times; `rows`: number of rows of each
-    table.
+    The limits are `MAX_TIME_STEPS` times, and `MAX_SHOWN` rows of each table. `times`: number of times; `rows`: number
+    of rows of each table.
     """
     return max(1, -(-times // MAX_TIME_STEPS), *(-(-n // MAX_SHOWN) for n in rows))
 
@@ -147,12 +147,16 @@ def kept_steps(times: int, rows: Iterable[int]) -> int:
 def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
     """Return the rows that a replay shows, and the index of the time step of each.
 
-    A row belongs to the kept time step at its time, or else to the next one less than a usual interval later.
+    A row belongs to the kept time step at its time, or else to the next one less than `period_ns` later; other rows are
+    not shown.
 
     Args:
         kept: (M,) rising times of the replay [ns].
-        period_ns: usual interval of all times [ns].
+        period_ns: median interval of all times [ns].
         t_ns: (N,) times of rows [ns].
+
+    Returns:
+        (n,) indices of rows, and (n,) indices of their times in `kept`.
     """
     if not len(kept):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -163,7 +167,10 @@ def rows_before(kept: Ints, period_ns: float, t_ns: Ints) -> tuple[Ints, Ints]:
 
 
 def every_nth(counts: Ints, most: int) -> int:
-    """Return the smallest k such that every k-th of the `counts` (n,) sums to at most `most` (or k = n)."""
+    """Return the smallest k such that every k-th of the `counts` (n,), from the first on, sums to at most `most`.
+
+    It is at least the sum of all divided by `most`; n or more if no smaller k is sufficient.
+    """
     every = max(-(-int(counts.sum()) // max(most, 1)), 1)
     while every < len(counts) and int(counts[::every].sum()) > most:
         every += 1
@@ -191,19 +198,19 @@ def _targets(table: ColumnTable) -> Ints:
 
 
 def _firsts(target: Ints, known: Ints) -> Ints:
-    """Return the first row of each target in `target` (n,) that is not among the targets `known`."""
+    """Return the index of the first row of each target in `target` (n,) that is not among the targets `known` (k,)."""
     names, first = np.unique(target, return_index=True)
     new: Ints = first[~np.isin(names, known)]
     return new
 
 
 def largest(values: Floats, target: Ints, segment: Ints) -> Bools:
-    """Return the mask (N,) of the rows with the largest value of their target in their section.
+    """Return the mask (N,) of the rows with the largest value of their target in their section of the table.
 
     Args:
         values: (N,) values.
         target: (N,) identities.
-        segment: (N,) section of each row.
+        segment: (N,) number of the section of each row.
     """
     if not len(values):
         return np.zeros(0, dtype=np.bool_)

@@ -29,7 +29,7 @@ LONGEST_FIRST = sorted(METRICS, key=lambda metric: -len(metric.name))
 
 @dataclass(frozen=True)
 class Figure:
-    """Table row of a figure: name, value as text, unit, and its meaning in words."""
+    """Table row of a figure: name, value as text, unit (empty: none), and its meaning in words (`note`)."""
 
     name: str
     value: str
@@ -72,7 +72,11 @@ Value = str | int | float | np.number | np.bool_ | None
 
 
 class MetricValue(NamedTuple):
-    """Value of a metric, with its unit and its target or sensor."""
+    """Value of a metric, with the unit in which its name ends, and the target, sensor or kind of box that it is of.
+
+    `settled`: only after the settling time; `kind` is `target`, `sensor`, `box`, or empty for a value of all together;
+    `subject` is the identity or name of that one.
+    """
 
     metric: Metric
     unit: str  # in which the name ends, "" for none
@@ -83,7 +87,7 @@ class MetricValue(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The metric's label in the unit of the value."""
+        """The metric's label, without the unit; "... of 1 - IoU" for a distance that has no unit."""
         return self.metric.label_in(self.unit)
 
 
@@ -107,8 +111,12 @@ def number(value: Value) -> str:
 def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]:
     """Return all metrics in groups with titles, in the order of the vocabulary.
 
-    Unknown ones last, under their own names. If there are no errors of position, counts of the group "Accuracy" go to
-    the figures of many targets, or are left out.
+    Unknown ones come last, under their own names. If there are no errors of position, the metrics of the group
+    "Accuracy" are added to those of many targets, or left out if there are none of these.
+
+    Args:
+        metrics: values by name, which may be nested mappings.
+        length_unit: unit of lengths, in which names may end.
     """
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {metric.name: n for n, metric in enumerate(METRICS)}
@@ -130,7 +138,8 @@ def groups(metrics: Mapping[str, object], length_unit: str) -> list[MetricGroup]
 def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
     """Return the entries of nested mappings as a list of (path, value), with keys joined by dots after `prefix`.
 
-    Provenance (names that begin with `_`), the verdict, and the flag of independent identities are left out.
+    Left out are provenance (names that begin with `_`), the verdict (`plausible`), the flag of independent identities,
+    lists, and values of other types. `prefix` includes its final dot.
     """
     out: list[tuple[str, Value]] = []
     for key, value in values.items():

@@ -60,7 +60,7 @@ class LostFrames:
         return (sensor, index) in self._why
 
     def miss(self, sensor: str, index: int) -> None:
-        """Record that a frame is shown, by camera and index: it counts as a loss if it could not be decoded."""
+        """Record that the frame `index` of the camera `sensor` is shown: a loss if it could not be decoded."""
         if self.is_lost(sensor, index):
             self._missed.add((sensor, index))
 
@@ -94,7 +94,7 @@ class FrameRowReader(Generic[T]):
         self.read = self.used = 0
 
     def at(self, t_ns: int, sensor: str) -> T | None:
-        """Return the rows of one frame, by time [ns] and camera; None at the end of a table without rows.
+        """Return the rows of one frame, 0 or more, by time [ns] and camera; None if the table has no chunks.
 
         Times must not decrease from call to call.
         """
@@ -168,7 +168,10 @@ class Pictures:
         self._start = (recording.time_ns or (0, 0))[0]
 
     def _good_scale(self, cells: int) -> float:
-        """Return the scale of the pictures: small ones are enlarged, and large ones reduced until all `cells` fit."""
+        """Return the factor by which images are scaled: small ones are enlarged, large ones reduced.
+
+        `cells`: number of images of a picture, with the plan; the picture fits into `LARGEST`.
+        """
         height, width = (max(getattr(view, side) for view in self._rig.views) for side in ("height", "width"))
         rows = math.ceil(cells / self._columns)
         most = min(LARGEST[0] / (self._columns * width), (LARGEST[1] / rows - BAR) / height)
@@ -289,14 +292,17 @@ def _columns(cells: int) -> int:
 def _world(
     asked: OverlayRequest, recording: McapRecording, scene: Scene | None, ranks: Mapping[int, int], job: Job
 ) -> GroundTrackPositions | None:
-    """Return a reader of tracks on the ground; None without such tracks, or if camera poses are unknown.
+    """Return a reader of tracks on the ground; None without such tracks, or without a scene.
 
     Args:
-        asked: the request.
-        recording: its cameras.
-        scene: poses; None: unknown, UsageError if there are no tracks in images either.
+        asked: names the tracks, and their diagnostics and truth, if any.
+        recording: has the cameras.
+        scene: poses of cameras, and unit of length; None: unknown.
         ranks: index of the colour of each target.
-        job: receives notes.
+        job: receives notes on what is not drawn.
+
+    Raises:
+        UsageError: there are tracks on the ground, but neither a scene nor tracks in images.
     """
     if asked.ground_tracks is None:
         return None
@@ -335,15 +341,20 @@ def _first_image(recording: McapRecording, name: str, lost: LostFrames) -> Image
 def _rig(
     asked: OverlayRequest, recording: McapRecording, names: list[str], scene: Scene | None, lost: LostFrames, job: Job
 ) -> OverlayRig:
-    """Return the views, with the sizes of their first images, and the tracker's epipolar geometry if known.
+    """Return the views, with the sizes of their first images, and their epipolar geometry if tracks are drawn.
+
+    The geometry comes from fundamental matrices or from poses, see `known_geometry`; None without tracks in images.
 
     Args:
-        asked: the request.
+        asked: names the tracks, and files with the scene and with fundamental matrices, if any.
         recording: the images.
-        names: names of the cameras.
-        scene: poses; None: unknown.
-        lost: records frames that cannot be decoded.
-        job: receives notes.
+        names: names of the cameras, one for each view.
+        scene: has the cameras, for lens distortion; None: unknown.
+        lost: records frames that cannot be decoded, in place.
+        job: receives notes on the geometry.
+
+    Raises:
+        InputError: no image of a camera can be decoded.
     """
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [_first_image(recording, name, lost).shape for name in names]
@@ -358,7 +369,10 @@ def _rig(
 
 
 def _numbered(asked: OverlayRequest) -> bool:
-    """Return whether trackers have the numbers of their targets (not if they were initiated by detections)."""
+    """Return whether trackers have the numbers of their true targets.
+
+    They have not if they were initiated by detections, or if failures are of targets not assigned by identity.
+    """
     births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
     failures = asked.failures
     own = read_provenance(failures).parameters.get("assigned_target") if failures is not None else None

@@ -37,7 +37,7 @@ def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, k
         points: (N, 2) in data coordinates.
         texts: N names.
         limits: (2, 2) lower and upper corner of the axes.
-        keep_free: boxes (2, 2) in data coordinates that no name should cover.
+        keep_free: boxes, (2, 2) lower and upper corner in data coordinates, that no name should cover.
     """
     window = axes.get_window_extent()
     extent = limits[1] - limits[0]
@@ -89,12 +89,18 @@ def _overlap(a: Floats, b: Floats) -> float:
 
 
 def _beyond(box: Floats, limits: Floats) -> float:
-    """Return how far a label's box (2, 2: low, high) extends beyond the limits (2, 2), summed over both axes."""
+    """Return how far a label's box extends beyond limits, summed over both axes.
+
+    Both are (2, 2): lower and upper corner.
+    """
     return float(np.maximum(limits[0] - box[0], 0.0).sum() + np.maximum(box[1] - limits[1], 0.0).sum())
 
 
 def frame_plan(axes: Axes, limits: Floats, unit: str) -> None:
-    """Set the limits (2, 2: low, high), equal scales and axis titles, in `unit`, of a plan; the grid is removed."""
+    """Set limits, equal scales and axis titles, in `unit`, of a plan, and remove the grid.
+
+    `limits`: (2, 2) lower and upper corner of the plan.
+    """
     axes.grid(False)
     axes.set_xlim(limits[0, 0], limits[1, 0])
     axes.set_ylim(limits[0, 1], limits[1, 1])
@@ -202,7 +208,7 @@ def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
 def _tip(camera: Camera, limits: Floats) -> Floats:
     """Return the end (2,) of the arrow along a camera's optical axis.
 
-    Its length follows from `limits` (2, 2) of the plan.
+    Its length is 0.05 times the longer side of the plan with the lower and upper corner `limits` (2, 2).
     """
     length = 0.05 * float((limits[1] - limits[0]).max())
     return np.asarray(camera.ground + length * np.array([np.cos(camera.yaw), np.sin(camera.yaw)]))
@@ -211,7 +217,7 @@ def _tip(camera: Camera, limits: Floats) -> Floats:
 def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
     """Write the names of all sensors, clear of the optical axes and the scale bar.
 
-    `limits`: (2, 2) lower and upper corner of the plan; `bar`: (2, 2) box of the scale bar.
+    `limits`, `bar`: (2, 2) lower and upper corner of the plan and of the scale bar's box.
     """
     names: dict[tuple[float, float], list[str]] = {}
     for name, xy in sensor_positions(scene).items():
@@ -222,7 +228,7 @@ def name_sensors(axes: Axes, scene: Scene, limits: Floats, bar: Floats) -> None:
 
 
 def draw_scale_bar(axes: Axes, limits: Floats, unit: str) -> Floats:
-    """Draw a scale bar in the lower right corner; return its box (2, 2: low, high), label included.
+    """Draw a scale bar in the lower right corner; return its box with the label: (2, 2) lower and upper corner.
 
     `limits`: (2, 2) lower and upper corner of the plan, in `unit`.
     """
@@ -291,7 +297,10 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
 
 
 def plan_limits(data: ReportInput) -> Floats:
-    """Return lower and upper corner (2, 2) of the floor plan: the whole scene, and paths except for few outliers."""
+    """Return lower and upper corner (2, 2) of the floor plan: the scene without far cameras, and paths.
+
+    Outliers of paths, beyond their 0.5 % and 99.5 % quantiles, may be outside.
+    """
     points = []
     if data.scene is not None:
         points += [data.scene.room] if data.scene.room is not None else []
@@ -313,7 +322,11 @@ def plan_limits(data: ReportInput) -> Floats:
 
 
 def near_scene(scene: Scene) -> tuple[Scene, list[str]]:
-    """Return the scene without cameras so distant that the room would be a dot, and the names of these."""
+    """Return the scene without cameras so distant that the room would be a dot, and the names of the removed ones.
+
+    They are farther from the room's centre than `MAX_CAMERA_DISTANCE_ROOMS` times its size, on an axis. Without a room
+    none is removed.
+    """
     if scene.room is None:
         return scene, []
     low, high = scene.room.min(axis=0), scene.room.max(axis=0)
@@ -376,7 +389,10 @@ def _rows_of(truth: Truth, role: str) -> dict[int, Ints]:
 
 
 def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: Any) -> None:
-    """Draw the path given by row numbers of a table, broken at gaps, and thinned to extremes in `points` sections."""
+    """Draw the path given by the row numbers `rows` (n,) of a table, broken at gaps.
+
+    It is cut into `points` sections, of each of which only the extremes are drawn.
+    """
     part = table.take(rows)
     keep = thin_path(np.column_stack([part.x, part.y]), points)
     x, y = broken(part.t_ns, keep, part.x, part.y)
@@ -384,9 +400,9 @@ def _line(axes: Axes, table: Tracks | Truth, rows: Ints, points: int, **style: A
 
 
 def _path(axes: Axes, table: Tracks | Truth, rows: Ints, since: int | None, points: int, **style: Any) -> None:
-    """Draw the path given by row numbers of a table; parts before the time `since` [ns] are faint (None: none).
+    """Draw the path given by the row numbers `rows` (n,) of a table; parts before `since` [ns] are faint (None: none).
 
-    It is broken at gaps, and thinned to extremes in `points` sections.
+    It is broken at gaps, and cut into `points` sections, of each of which only the extremes are drawn.
     """
     if since is not None:
         faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}

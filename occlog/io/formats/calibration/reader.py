@@ -116,7 +116,7 @@ class CalibrationFile(NamedTuple):
         unit: length unit of the files; cameras are in metres.
         notes: assumptions, in words.
         mirror: axis of the left-handed world that is yet to be negated; None: the world is right-handed.
-        checks: outcome of the check of what the files state.
+        checks: findings on unused keys, distances between cameras, and lenses.
     """
 
     cameras: tuple[Camera, ...]
@@ -167,7 +167,7 @@ def read_calibration(
 def _unused(options: CalibrationOptions) -> Iterator[Check]:
     """Yield findings on unused keys of calibration files.
 
-    One is on keys that by their names may change a camera, one on the others.
+    One is on keys that by their names (`OF_CAMERAS`) may change a camera, one on all others.
     """
     for kind, suspect in (("calibration-keys-unused", True), ("calibration-keys-other", False)):
         every = [

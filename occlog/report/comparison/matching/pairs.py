@@ -255,13 +255,13 @@ class MatchedRuns(NamedTuple):
 
 
 def tracks_by_target(frames: MatchedFrames, made: MatchedPairs, times: Ints, lasting_ns: int) -> MatchedRuns:
-    """Intervals of a run's tracks matched to each true target.
+    """Intervals in which a run's tracks are matched to each true target, and the changes of track between them.
 
     Args:
         frames: truth and tracks in the true frames.
         made: pairs of each frame alone.
         times: (T,) of the frames [ns].
-        lasting_ns: shorter pieces are skipped.
+        lasting_ns: shorter intervals are only counted [ns].
     """
     who = frames.truth_key[frames.truth[made.truth], 1]
     track = frames.track_key[frames.track[made.track], 1]
@@ -278,7 +278,7 @@ def mutual_matches(
         b: run B.
         pairs: estimates of A and B paired in each frame.
         times: (T,) of the frames [ns].
-        lasting_ns: shorter pieces are skipped.
+        lasting_ns: shorter intervals are only counted [ns].
     """
     of_a, of_b = a.label[pairs.a], b.label[pairs.b]
     return (
@@ -298,7 +298,7 @@ def pieces_of(who: Ints, track: Ints, frame: Ints, times: Ints, lasting_ns: int)
         track: (n,) the track of each.
         frame: (n,) number of the frame.
         times: (T,) of the frames [ns].
-        lasting_ns: the shortest section.
+        lasting_ns: length of the shortest interval, and of the longest interruption [ns].
     """
     if not len(who):
         return MatchedRuns((), (), 0)

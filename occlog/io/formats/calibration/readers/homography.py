@@ -167,10 +167,10 @@ def ground_pose(matrix: Floats, middle: Floats) -> GroundPose | None:
 
 
 def _depth(plain: Floats) -> float:
-    """Depth of the ground point on the ray 45 degrees below the optical axis.
+    """Depth of the ground point on the ray 45 degrees below the optical axis; negative behind the camera.
 
-    Negative behind the camera, 0 at infinity. `plain` (3, 3) is the homography from the ground to normalised image
-    coordinates.
+    Only its sign is meant; 0 if the point is at infinity, where there is none. `plain` (3, 3) is the homography from
+    the ground to normalised image coordinates.
     """
     ground = np.linalg.solve(plain, np.array([0.0, 1.0, 1.0]))
     return float(plain[2] @ ground / ground[2]) if ground[2] else 0.0

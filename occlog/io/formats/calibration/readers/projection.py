@@ -109,7 +109,7 @@ def camera_of_parts(
 def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, Floats]:
     """Decompose a projection matrix (3, 4) into K (K[2, 2] = 1), camera-from-world rotation (3, 3) and centre (3,).
 
-    RQ decomposition (Hartley and Zisserman, Sec. 6.2.4).
+    RQ decomposition (Hartley and Zisserman, Sec. 6.2.4). `where` begins the message of the error.
 
     Raises:
         InputError: the left 3 x 3 part is singular, so that the camera would be at infinity.

@@ -33,7 +33,7 @@ APART = 1e-3
 
 
 class Invariant(NamedTuple):
-    """Minimum of the cost with its volume term, which does not depend on the coordinates.
+    """Minimum, independent of the coordinates, of the cost with its volume term (half the log det of the information).
 
     `problem` is the cost with that term, `solution` its minimum, `covariance` (T, 4, 4) of the states there.
     """
