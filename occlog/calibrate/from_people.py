@@ -23,7 +23,8 @@ from occlog.track.people.frame_detections import FrameDetectionsWithIds
 from occlog.track.people.inputs import ImageInput
 from occlog.track.request import TrackInImagesRequest
 
-from .adjustment import DRIFT, FOCAL, LATE
+from .adjustment import DRIFT, FOCAL, LATE, Clocks
+from .common_views import detected_by_others
 from .config import CalibrateConfig
 from .microphones.array_outputs import (
     array_checks,
@@ -41,9 +42,14 @@ from .starts.marked import MarkedPose, pose_of_points
 
 CAMERAS, PARAMETERS, SEARCH = "cameras calibrated", "parameters determined", "convergence"
 STATED, CLOCKS, LENSES, PASSAGES = "stated poses", "clocks of cameras", "lenses from people", "passages between views"
+COMMON_VIEWS = "people in common views"
 """Names of checks."""
 MAX_MOVED = 4.0
 """Largest correction of a stated position or yaw, in stated standard deviations."""
+MIN_IN_COMMON = 100
+"""Number of people in common views below which a camera's pose is not checked by them."""
+MIN_CONFIRMED = 0.4
+"""Share of the people in common views that must be detected: .7 to .9 of sound poses, below .35 of wrong ones."""
 MAX_AMBIGUOUS = 0.2
 """Share of the passages between views that may be ambiguous."""
 MAX_BOXES = 60_000
@@ -104,7 +110,8 @@ def calibration_of_people(request: CalibrateRequest, job: Job) -> CalibrationOut
         summary["microphone_arrays"] = {each.array.name: array_figures(each) for each in arrays}
     if start.marked:
         summary["marked_points"] = {each.camera.name: _marked_figures(each) for each in start.marked}
-    checks = *_checks(found, cameras, config, metre), *start.checks(found)
+    common = _common_views(found, frames, config.person_height * metre)
+    checks = *_checks(found, cameras, config, metre), *common, *start.checks(found)
     return CalibrationOutput(
         scene, _comment(found, scene.length_unit) + array_comment(arrays, scene.length_unit),
         {**asdict(config), "ignore_poses": request.ignore_poses, "estimate": estimate},
@@ -313,6 +320,32 @@ def _loose(found: Calibrated) -> Iterator[Check]:
     for each in found.cameras:
         for name in each.undetermined:
             yield finding(PARAMETERS, "parameter-undetermined", sensors=[each.camera.name], parameter=name)
+
+
+def _common_views(
+    found: Calibrated, frames: Sequence[FrameDetectionsWithIds], person_height: float
+) -> tuple[Check, ...]:
+    """Check that people whom one calibrated camera places in the image of another are detected there.
+
+    Cameras with fewer than `MIN_IN_COMMON` such people are not checked. `person_height` is in scene units.
+    """
+    own = [each for each in found.cameras if each.estimated]
+    names = [each.camera.name for each in found.cameras]
+    parts = [f for f in frames if found.cameras[f.detections.camera].estimated]
+    first = min((f.detections.t_ns for f in frames), default=0) / NS
+    late, drift = np.array([(each.late_s, 1e-6 * each.drift_ppm) for each in found.cameras]).T
+    cameras = [each.camera for each in found.cameras]
+    expected, met = detected_by_others(cameras, Clocks(late, drift, first), parts, person_height)
+    counts, hits = (expected + expected.T).sum(axis=0), (met + met.T).sum(axis=0)
+    shares = {names[c]: hits[c] / counts[c] for c in np.flatnonzero(counts >= MIN_IN_COMMON).tolist()}
+    low = {name: share for name, share in shares.items() if share < MIN_CONFIRMED}
+    findings = (
+        [finding(COMMON_VIEWS, "views-disagree", sensors=list(low), share=max(low.values()), allowed=MIN_CONFIRMED)]
+        if low
+        else []
+    )
+    unless = "" if shares else f"{len(own)} cameras share too few people"
+    return outcome(COMMON_VIEWS, findings, unless=unless)
 
 
 def _passages(found: Calibrated, config: CalibrateConfig) -> Iterator[Check]:

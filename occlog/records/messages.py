@@ -398,6 +398,12 @@ VERDICT: dict[str, Message] = {
         "clocks",
         "check the floor plan",
     ),
+    "views-disagree": Message(
+        W,
+        "camera {sensors}: at most {share:.0%} of the people whom others place in its image have a box there (allowed: "
+        "{allowed:.0%})",
+        "state rough poses, or record one person at a time",
+    ),
     "levels-not-stated": Message(
         W,
         "heights or inclinations are not stated: standard deviations may be 3 times too small",

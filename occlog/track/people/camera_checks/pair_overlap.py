@@ -374,6 +374,14 @@ def _by_step(view: BoxesOfCamera, steps: int) -> Floats:
     return out
 
 
+def overlaps_at(boxes: Floats, when: Ints, view: BoxesOfCamera, steps: int) -> Floats:
+    """(n,) largest intersection over union of boxes (n, 4) with those of a camera at the time steps `when` (n,).
+
+    It is 0 at a time step without boxes; `steps` is the number of time steps.
+    """
+    return _largest(boxes, _by_step(view, steps)[:, when])
+
+
 def _areas(left: Floats, top: Floats, right: Floats, bottom: Floats) -> Floats:
     """Areas of boxes, of any shape; 0 where an edge is beyond the opposite one."""
     return np.asarray(np.maximum(right - left, 0.0) * np.maximum(bottom - top, 0.0))
