@@ -243,7 +243,7 @@ def test_frames_of_another_size_than_calibrated(
     assert camera.principal_px.tolist() == [79.5, 59.5]
     code, err = calibrated_for("168, 128", "c.mcap")
     assert code == ExitCode.DONE
-    assert "taken for cut at the right and lower edge" in err
+    assert "assumed to be cropped or padded at the right and lower edge" in err
     camera = open_recording(place / "c.mcap").scene.camera("cam1")  # type: ignore[union-attr]
     assert camera.principal_px.tolist() == [83.5, 63.5]
     code, err = calibrated_for("300, 120", "e.mcap")
@@ -384,7 +384,7 @@ def test_folders_of_yolo_text_become_boxes_of_the_calibrated_cameras(
             (folder / f"walk_{frame}.txt").write_text(line)
     given = ("--boxes", str(place / "yolo"), "--fps", "10")
     assert ingest(place, *given) == ExitCode.BAD_INPUT
-    assert "choose the class of people" in capsys.readouterr().err
+    assert "choose that of people (--class NAME)" in capsys.readouterr().err
     assert ingest(place, *given, "--class", "0") == ExitCode.DONE
     boxes = Boxes.concat(open_recording(place / "out.mcap").tables(Boxes))
     assert boxes.frame.tolist() == [3, 3, 4, 4, 5, 5]

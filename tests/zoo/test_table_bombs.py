@@ -176,7 +176,7 @@ def test_rows_that_are_held_to_be_put_in_order_have_a_limit(tmp_path: Path, orde
     path.write_bytes(as_parquet(pa.table({"t_ns": times, "sensor": names, "azimuth_rad": np.zeros(rows)})))
     outcome = check_apart("export", path, "-o", tmp_path / "o.csv")
     assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert "unsorted rows or rows of one time" in outcome.output
+    assert "unsorted rows, or rows of one time" in outcome.output
 
 
 def test_texts_of_our_tables_take_no_more_than_their_file_may(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

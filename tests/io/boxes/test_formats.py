@@ -94,7 +94,7 @@ def test_the_numbers_after_a_yolo_box_are_confidence_and_identity(
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({"1.txt": "0 512 300 40 90\n"}, r"1.txt: line 1: x is 512; .*shares of the image.*pixels"),
+        ({"1.txt": "0 512 300 40 90\n"}, r"1.txt: line 1: x is 512; .*fractions of the image size.*pixels"),
         ({"1.txt": "0 .5 .5 .1 1.0011\n"}, "height is 1.0011"),
         ({"a_7.txt": "0 .5 .5 .1 .1\n", "b_7.txt": "0 .5 .5 .1 .1\n"}, "b_7.txt: has frame number 7, as a_7.txt has"),
         ({"1.txt": "0 .5 .5 .1 .1 .9\n0 .5 .5 .1 .1 .9\n"}, "line 2: duplicate box; .*earlier run"),
@@ -106,7 +106,7 @@ def test_the_numbers_after_a_yolo_box_are_confidence_and_identity(
         ({"1.txt": "0 .5 .5 .1 .1 .9 3\n0 .6 .5 .1 .1 .8 3\n"}, "frame 1 .from 0.: identity 3 has two boxes"),
         ({"1.txt": "0 .5 .5 0 .1\n"}, "box of 0 x"),
         ({"1.txt": ".5 .5 .1 .1 .9\n"}, "line 1: class is '.5'"),
-        ({"readme.md": ""}, "holds no file of labels"),
+        ({"readme.md": ""}, "holds no YOLO labels"),
     ],
 )
 def test_half_right_yolo_folders_are_refused(tmp_path: Path, files: dict[str, str], message: str) -> None:

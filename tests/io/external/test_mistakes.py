@@ -57,7 +57,7 @@ def test_a_table_with_another_fault_is_none_of_stations(tmp_path: Path, header: 
 
 
 def test_stations_in_place_of_bearings_are_a_scene(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a table of stations, not of what they measured; give it as the scene"):
+    with pytest.raises(InputError, match="holds the positions of stations, not their measurements"):
         open_input(text(tmp_path / "t.csv", "name,x,y", "a,0,0"))
 
 

@@ -157,7 +157,7 @@ def test_a_time_that_no_number_of_nanoseconds_holds_is_refused(tmp_path: Path, n
         if value == limit:
             assert open_input(path, Truth).read(Truth).t_ns[0] == pytest.approx(2.0**62, rel=1e-9)
             continue
-        with pytest.raises(InputError, match=f"t.parquet: column {name}: a time is out of range for {name[2:]}"):
+        with pytest.raises(InputError, match=f"t.parquet: column {name}: a time in {name[2:]} is out of range"):
             open_input(path, Truth).read(Truth)
 
 

@@ -76,9 +76,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     for name in sorted(lenses.keys() ^ extrinsics.keys()):
         path, lacks = (lenses[name], "extrinsic") if name in lenses else (extrinsics[name], "intrinsic")
         raise InputError(
-            f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}; where one "
-            f"file has both, the matrix is called {', '.join(MATRIX)}, the position {' or '.join(ROTATION[::3])} and "
-            f"{' or '.join(TRANSLATION[:2])}",
+            f"{path}: camera {name} has no {lacks} file; give both, with names as {_example(lacks, name)}, or one file "
+            f"with {MATRIX[0]}, {ROTATION[0]} and {TRANSLATION[0]}",
             id="missing-value",
         )
     wildtrack = set(lenses) <= WILDTRACK.keys()
