@@ -137,7 +137,7 @@ FINDINGS = [
     (
         "truth",
         b"frame,camera,time,left,top,width,height,confidence\n0,a,1,1,2,3,4,1\n0,b,1,5,6,7,8,0\n1,a,2,2,3,4,5,1\n",
-        "g.csv: camera b: no frame of a camera has a time",
+        "g.csv: camera b: no frame has a time",
     ),
     (
         "truth",

@@ -237,7 +237,7 @@ def test_frames_of_another_size_than_calibrated(
 
     code, err = calibrated_for("320, 240", "s.mcap")
     assert code == ExitCode.DONE
-    assert "taken for scaled by 0.5" in err
+    assert "assumed to be scaled by 0.5" in err
     camera = open_recording(place / "s.mcap").scene.camera("cam1")  # type: ignore[union-attr]
     assert camera.focal_px.tolist() == [75, 75]
     assert camera.principal_px.tolist() == [79.5, 59.5]
@@ -522,7 +522,7 @@ def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
     [
         (
             ("--start-time", "cma1=5"),
-            "--start-time cma1=5: no camera or ARRAY=FILE has this name; did you mean 'cam1'",
+            "--start-time cma1=5: no camera, array or source of positions has this name; did you mean 'cam1'",
         ),
         (("--fps", "cma1=5"), "--fps cma1=5: no camera"),
         (("--fps", "5"), "--fps is given twice; keep one"),

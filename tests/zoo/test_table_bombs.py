@@ -161,7 +161,7 @@ def test_vectors_are_read_in_parts_of_few_rows(tmp_path: Path, monkeypatch: pyte
     assert [len(part) for part in vectors.in_parts(tmp_path, 100, [pa.record_batch({"a": fixed})])] == [1, 1, 1]
     monkeypatch.setattr(arrow_columns, "MAX_NUMBERS", 5)
     (column,) = (c for c in Views.columns() if c.name == "embedding")
-    with pytest.raises(InputError, match="a list of 2 numbers among 5 rows, most without any"):
+    with pytest.raises(InputError, match="a list of 2 numbers among 5 rows, most of which have none"):
         arrow_columns.vectors(column, pa.array([[1.0, 2.0], [], [], [], []], pa.list_(pa.float32())))
 
 
@@ -184,7 +184,7 @@ def test_texts_of_our_tables_take_no_more_than_their_file_may(tmp_path: Path, mo
     write_table(path := tmp_path / "b.parquet", made, Provenance("test"))
     assert read_table(path, Bearings).sensor.tolist() == made.sensor.tolist()
     monkeypatch.setattr(parquet, "max_decompressed_bytes", lambda _: 399_999)
-    with pytest.raises(InputError, match=r"b\.parquet: texts of more than 399999 bytes in a file of"):
+    with pytest.raises(InputError, match=r"b\.parquet: texts need more than 399999 bytes in a file of"):
         read_table(path, Bearings)
 
 
