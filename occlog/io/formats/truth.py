@@ -230,7 +230,7 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
         if frame < 0:
             raise InputError(
                 f"{path}: frame {frame + first_number} is before the first number, {first_number}; give a smaller "
-                f"{option('truth_first_number')}"
+                f"{option('first_number')}"
             )
         if frame <= last:
             raise InputError(

@@ -416,7 +416,7 @@ class MessageBoxRows:
         self.labels.update(b.label for b in message.boxes)
         if not self.classes and len(self.labels) > 1:
             raise InputError(
-                f"boxes of classes {', '.join(map(repr, self.labels))}; choose one ({option('classes')} NAME)",
+                f"boxes of classes {', '.join(map(repr, self.labels))}; choose one ({option('class')} NAME)",
                 id="ambiguous-input",
             )
         frame, self.frames = self.frames, self.frames + 1

@@ -338,7 +338,9 @@ def test_a_folder_of_parquet_is_one_table(tmp_path: Path) -> None:
     assert table.target_id.tolist() == [3, 7, 3, 7]
     assert table.x.tolist() == [3.0, 7.0, 2.0, 2.0]
     pq.write_table(pa.table({"t": [0.0], "x": [1.0], "z": [0.0]}), folder / "id=7" / "part-1.parquet")
-    with pytest.raises(InputError, match=r"part-1\.parquet: columns y, z are in this file or in part-0\.parquet, but not"):
+    with pytest.raises(
+        InputError, match=r"part-1\.parquet: columns y, z are in this file or in part-0\.parquet, but not"
+    ):
         open_input(folder, Tracks)
     (folder / "notes.txt").touch()
     with pytest.raises(InputError, match="is a folder"):

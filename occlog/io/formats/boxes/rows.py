@@ -379,7 +379,7 @@ def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
     labels = class_labels(rows)
     if not labels and len(rows):
         raise InputError(
-            f"{rows.path}: has no classes; leave {option('classes')} out, or add a column class", id="missing-column"
+            f"{rows.path}: has no classes; leave {option('class')} out, or add a column class", id="missing-column"
         )
     wanted = {_plain(name) for name in classes}
     return np.array([bool(wanted & set(label)) for label in labels], dtype=np.bool_)
@@ -409,7 +409,6 @@ def check_classes(
         )
     if not wanted and len(all_) > 1:
         raise InputError(
-            f"{where}: boxes of {len(all_)} classes: {in_words(all_)}; choose that of people "
-            f"({option('classes')} NAME)",
+            f"{where}: boxes of {len(all_)} classes: {in_words(all_)}; choose that of people ({option('class')} NAME)",
             id="ambiguous-input",
         )
