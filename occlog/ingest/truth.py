@@ -60,7 +60,7 @@ def check_truth_consistency(
         medians[name] = float(np.median(values))
         if not medians[name] <= MAX_OFF:
             raise InputError(
-                f"{path}: camera {name}: true positions are {medians[name]:.2g} people heights away from their boxes "
+                f"{path}: camera {name}: true positions are {medians[name]:.2g} box heights off the feet of true boxes "
                 f"(median of {len(values)}; limit {MAX_OFF:g}); check the camera's name, and unit and grid of "
                 "positions",
                 id="incompatible-inputs",

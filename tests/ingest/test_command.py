@@ -427,7 +427,7 @@ def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_ta
     assert (truth.t_ns[0], truth.t_ns[-1], len(truth)) == (150_000_000, 950_000_000, 17)
     assert run(["ingest", "-o", str(place / "all.mcap"), *given]) == ExitCode.DONE
     stderr = capsys.readouterr().err
-    assert "true positions go on 7 s after the last frame with boxes; people there count as missed" in stderr
+    assert "true positions go on 7 s after the last frame with boxes; people at these times count as missed" in stderr
     assert len(open_recording(place / "all.mcap").read(Truth)) == 200
 
 
@@ -481,7 +481,7 @@ def test_two_labels_of_a_sidecar_are_not_one_camera(place: Path, capsys: pytest.
     (place / "times.csv").write_text("camera,time\ncam1,0\ncam1,1\ncam01,100\ncam01,101\n")
     inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--timestamps", str(place / "times.csv"))
     assert ingest(place, *inputs) == ExitCode.BAD_INPUT
-    assert "cameras 'cam1' and 'cam01' would both be cam1" in capsys.readouterr().err
+    assert "cameras 'cam1' and 'cam01' would both be taken for cam1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -498,7 +498,7 @@ def test_a_file_of_several_sensors_is_not_given_as_that_of_one(
     (place / "t.csv").write_text(text)
     option, name = given.split()
     assert ingest(place, option, f"{name}{place / 't.csv'}", "--fps", "10") == ExitCode.BAD_INPUT
-    assert f"line 3: is of {'camera' if name == 'cam1=' else 'sensor'}" in capsys.readouterr().err
+    assert f"line 3: {'camera' if name == 'cam1=' else 'sensor'} is " in capsys.readouterr().err
 
 
 def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
@@ -514,7 +514,7 @@ def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
     assert {c.name: c.placed for c in scene.cameras} == {"thermal1": False, "cam1": True, "cam2": True}
     inputs = ("--boxes", f"thermal1={boxes}", "--boxes", f"rgb1={boxes}", "--fps", "10", "--allow-uncalibrated")
     assert ingest(place, *inputs, output="two.mcap") == ExitCode.BAD_INPUT
-    assert "cameras 'thermal1' and 'rgb1' would both be cam1" in capsys.readouterr().err
+    assert "cameras 'thermal1' and 'rgb1' would both be taken for cam1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

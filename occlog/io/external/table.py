@@ -159,8 +159,8 @@ class ExternalTable:
         size, held = self.source.size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
-                f"{self.source.path}: unsorted rows, or rows of one time, need {held} bytes of memory, too many for a "
-                f"file of {size} bytes; sort the rows by time, or shorten the longest text",
+                f"{self.source.path}: unsorted rows, or rows of one time, need {held} bytes, too many for a file of "
+                f"{size}; sort the rows by time, or shorten the longest text",
                 id="input-too-large",
             )
 

@@ -303,8 +303,8 @@ class BoxSurvey:
             first, stop = self.given.common
             rates = " and ".join(f"{NS / known[name]:.3g} ({name})" for name in (fast, slow))
             raise UsageError(
-                f"{option('frames')} {first}:{stop}: cameras have {rates} frames per second, so that these frames "
-                f"differ in time; give each camera its own range: {fast}={first}:{stop}",
+                f"{option('frames')} {first}:{stop}: cameras have {rates} frames per second, so these differ in "
+                f"time; give each camera its own range: {fast}={first}:{stop}",
                 id="ambiguous-input",
             )
 

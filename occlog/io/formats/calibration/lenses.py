@@ -108,8 +108,8 @@ def checked_lens(
     if not found.undone:
         at = f" {found.fold_deg:.0f} degrees off the axis," if np.isfinite(found.fold_deg) else ""
         raise InputError(
-            f"{where}: the distortion polynomial turns back{at} inside the image, so that it has no inverse there; "
-            "calibrate with fewer coefficients, or undistort the images",
+            f"{where}: the distortion polynomial turns back{at} inside the image, and has no inverse there; "
+            "use fewer coefficients, or undistort the images",
             id="invalid-calibration",
         )
     if not found.unused:

@@ -171,8 +171,7 @@ def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> N
         k = int(bad[0])
         raise InputError(
             f"{path}: line {lines[k]}: the array has moved by {moved[k]:.3g} m and {np.degrees(turned[k]):.3g} degrees "
-            f"since the first line (limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); the arrays of a scene "
-            "cannot move",
+            f"since the first line (limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); arrays must stand still",
             id="not-applicable",
         )
 
