@@ -526,7 +526,9 @@ def test_other_commands_say_that_a_bag_is_ingested_first(tmp_path: Path, capsys:
     for source in (folder, ros.write_mcap(folder / "b.mcap", rows), ros.write_db3(tmp_path / "b.db3", rows)):
         out, scene = tmp_path / "out.parquet", str(tmp_path / "scene.yaml")
         assert run(["track", str(source), "--scene", scene, "-o", str(out)]) == ExitCode.BAD_INPUT
-        assert re.search("convert a bag of another program by `occlog ingest`|make a recording of", capsys.readouterr().err)
+        assert re.search(
+            "convert a bag of another program by `occlog ingest`|make a recording of", capsys.readouterr().err
+        )
 
 
 def test_a_recording_of_occlog_is_no_bag(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
