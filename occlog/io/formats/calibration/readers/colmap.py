@@ -81,8 +81,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         raise InputError(f"{paths[0]}: COLMAP's model has {' and '.join(NAMES)}; give both", id="missing-value")
     if options.unit is None:
         raise UsageError(
-            f"{files['images.txt']}: COLMAP's lengths have no unit; scale the model (colmap model_aligner) and state the "
-            f"unit of the calibration ({option('calibration_unit')} m)",
+            f"{files['images.txt']}: COLMAP's lengths have no unit; scale the model (colmap model_aligner) and state "
+            f"the unit of the calibration ({option('calibration_unit')} m)",
             id="missing-unit",
         )
     lenses = dict(_lenses(files["cameras.txt"]))
