@@ -26,7 +26,7 @@ class CalibrateConfig(Settings):
     )
     sigma_mean_height: float = setting(
         0.05,
-        "Standard deviation of the mean height. Larger values leave the scale to the stated poses.",
+        "Standard deviation of the mean height of people. With larger values the stated poses determine the scale.",
         unit="m",
         above=0,
         at_most=1,
@@ -36,8 +36,8 @@ class CalibrateConfig(Settings):
     )
     sigma_position: float = setting(
         0.5,
-        "Standard deviation of the stated positions of the cameras. Together they place the result in the world; "
-        "larger values allow larger corrections.",
+        "Standard deviation of the stated position of each camera, a prior of the estimate. Larger values allow larger "
+        "corrections.",
         unit="m",
         above=0,
         option="--sigma-position",
@@ -90,16 +90,19 @@ class CalibrateConfig(Settings):
     )
     source_height: float = setting(
         1.5,
-        "Mean height of sources of sound, the mouths of people. The height of a microphone array follows from it.",
+        "Mean height of people's mouths above the ground, as sources of sound. Heights of microphone arrays are "
+        "relative to it.",
         unit="m",
         at_least=0,
         at_most=3,
     )
-    sigma_source_height: float = setting(0.1, "Standard deviation of that mean.", unit="m", at_least=0, at_most=1)
+    sigma_source_height: float = setting(
+        0.1, "Standard deviation of the mean height of mouths.", unit="m", at_least=0, at_most=1
+    )
     rounds: int = setting(
         2,
-        "Number of times that boxes are associated by method `jipda`, and cameras adjusted to them. 0: only tracks of "
-        "single cameras are associated.",
+        "Number of iterations: boxes of all cameras are associated by method `jipda`, then cameras are adjusted to "
+        "them. 0: only tracks of single cameras are associated, once.",
         at_least=0,
         at_most=10,
     )

@@ -59,20 +59,21 @@ class CalibrateRequest(Request):
     )
     focal: bool = setting(
         False,
-        "Estimate a factor of the focal length of each camera too. Refused for a camera where the boxes do not "
-        "determine it.",
+        "Also estimate the focal length of each camera, as a factor of the stated one. It stays as stated, with a "
+        "warning, where the boxes do not determine it.",
         option="--focal",
         shown="",
     )
     radial: bool = setting(
         False,
-        "Estimate a change of the first radial coefficient of each lens too, where the boxes determine it.",
+        "Also estimate a correction of the first radial distortion coefficient (k1) of each lens, where the boxes "
+        "determine it.",
         option="--radial",
         shown="",
     )
     points: Path | None = source(
-        "Table of points of the floor that were marked in images: camera,u,v,x,y and perhaps z. Four or more of a "
-        "camera give its rough pose, and its focal length where that is not known.",
+        "Table of points of the floor that were marked in images: camera, pixel u, v, world position x, y and perhaps "
+        "z. Four or more of a camera give its initial pose, and its focal length where that is not known.",
         metavar="FILE",
     )
     doa: Path | None = source(
@@ -102,7 +103,7 @@ class CalibrateRequest(Request):
     )
     marker: float = setting(
         0.75,
-        "Side of a marker of a ChArUco board, as a share of that of a square.",
+        "Side of a marker of a ChArUco board, as a fraction of the side of a square.",
         above=0,
         below=1,
         option="--marker",

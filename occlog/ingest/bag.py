@@ -111,7 +111,7 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
                 f"{bag.paths[0]}: has no message ({held}); check that these were published, record again",
                 id="empty-input",
             )
-        remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
+        remedy = f"name the others: {option('topic')} NAME=TOPIC" if named else "no topic has a known type"
         if (why := next(iter(found.faults.values()), None)) is not None:
             raise InputError(f"{bag.paths[0]}: {why}")
         if bag.losses:
@@ -280,7 +280,8 @@ def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None
     if len(roots) > 1:
         text = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
         raise UsageError(
-            f"the cameras of the bag are fixed in several frames: {text}; name the one that is the world",
+            f"the cameras of the bag are fixed in several frames: {text}; name the world frame: "
+            f"{option('world_frame')} FRAME",
             id="ambiguous-input",
         )
     return next(iter(roots), None)
@@ -667,7 +668,9 @@ class Taking:
         try:
             return tree.placed(frame, world)
         except InputError as error:
-            raise UsageError(f"true positions: {error}; leave their topic out, or choose another world frame") from None
+            raise UsageError(
+                f"true positions: {error}; leave their topic out, or give another {option('world_frame')}"
+            ) from None
 
     def write_videos(self, writer: RecordingWriter) -> None:
         """Decode the collected video streams, and write the selected pictures of all cameras sorted by time.
@@ -729,8 +732,8 @@ class Taking:
             for topic, (count, most) in getattr(file, "reordered", {}).items():
                 if topic in self._states:
                     note(
-                        f"warning: {topic}: {counted(count, 'message')} of {file.name} came up to {most / 1e9:.3g} s "
-                        "out of order, and were put into that of recording"
+                        f"warning: {topic}: {counted(count, 'message')} of {file.name} were up to {most / 1e9:.3g} s "
+                        "out of order, and were sorted by their times of recording"
                     )
         for topic, state in self._states.items():
             name = self._name(topic)
@@ -851,27 +854,30 @@ def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> 
             )
             if topic in asked:
                 raise UsageError(
-                    f"topic {text}; add it to the scene, or name the topic after an array of it", id="unknown-sensor"
+                    f"topic {text}; add it to the scene, or give ARRAY={topic} with an array of the scene",
+                    id="unknown-sensor",
                 )
             note(f"bag: not taken: {text}")
             del found.map.directions[array]
     if plan.store == "link":
-        raise UsageError("store link: only videos can be linked to; give png or jpeg for a bag", id="not-applicable")
+        raise UsageError(
+            f"{option('store')} link: only videos can be linked to; give png or jpeg for a bag", id="not-applicable"
+        )
     others = plan.video or plan.images or plan.boxes or plan.doa or plan.reads or plan.truth
-    times = (("start time", plan.start_time), ("frame rate", plan.fps), ("time stamps", plan.timestamps))
+    times = tuple((option(key), getattr(plan, key)) for key in ("start_time", "fps", "timestamps"))
     for key, pairs in times:
         if any(name is None for name, _ in pairs):
             if not others:
                 raise UsageError(
-                    f"a bag has its own times, and there is nothing else to ingest; omit the {key}", id="not-applicable"
+                    f"a bag has its own times, and there is nothing else to ingest; omit {key}", id="not-applicable"
                 )
-            note(f"bag: has its own times; the {key} is that of the other inputs")
+            note(f"bag: has its own times; {key} is that of the other inputs")
     for name in (*found.map.cameras, *found.map.directions):
         for key, pairs in times:
             if any(camera == name for camera, _ in pairs):
-                raise UsageError(f"{name}: has its times from the bag; omit its {key}", id="not-applicable")
+                raise UsageError(f"{name}: has its times from the bag; omit {key} {name}=...", id="not-applicable")
         if name in plan.video or name in plan.images:
             raise UsageError(
-                f"camera {name}: is both in the bag and among the videos and images; name one otherwise",
+                f"camera {name}: is both in the bag and among the videos and images; give one of them another name",
                 id="duplicate-name",
             )

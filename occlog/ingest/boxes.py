@@ -62,7 +62,7 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
     if max(steps.values(), default=1) > 1:
         similar = len(set(steps.values())) == 1
         text = str(max(steps.values())) if similar else ", ".join(f"{step} ({name})" for name, step in steps.items())
-        frames += f" in steps of {text} (the frame rate counts every number)"
+        frames += f" in steps of {text} (the frame rate is that of all frame numbers, also of those between)"
     note(f"boxes: {', '.join(reported)}; {frames}; a frame without a box is one without a detection")
     return found
 

@@ -59,8 +59,8 @@ def expand_dataset(values: Mapping[str, Any]) -> dict[str, Any]:
         views = sorted(p for p in (folder / IMAGES).glob("C*") if p.is_dir()) if (folder / IMAGES).is_dir() else []
         if not views:
             raise UsageError(
-                f"{folder}: has no images ({IMAGES}/C1, ...); give the boxes of a detector, or the annotated ones "
-                f"({folder / ANNOTATIONS})",
+                f"{folder}: has no images ({IMAGES}/C1, ...); give {option('boxes')}, those of a detector, or the "
+                f"annotated ones ({folder / ANNOTATIONS})",
                 id="wrong-content",
             )
         out["images"] = tuple(f"{view.name}={view}" for view in views)
@@ -241,7 +241,8 @@ class IngestPlan(Settings):
     mirror: str | None = setting(
         None,
         "Axis that is negated in the calibration's world and the true positions, to convert a left-handed world, "
-        "as of Unity and MultiviewX. `up` and `ground` are those of the calibration.",
+        "as of Unity and MultiviewX. The vertical (`up`) and the ground height are those of the calibration's own "
+        "world.",
         choices=("x", "y", "z"),
         option="--mirror",
         nothing="the world is right-handed",
@@ -271,21 +272,22 @@ class IngestPlan(Settings):
     )
     first_number: int | None = setting(
         None,
-        "Number of frame 0 in names of images and tables.",
+        "Number that the first frame of a video has in names of images and in tables; it is subtracted from all.",
         at_least=0,
         option="--first-number",
         nothing="lowest image; 0 in tables",
     )
     truth_first_number: int | None = setting(
         None,
-        "Number of frame 0 in tables of the ground truth, where it is another than in those of boxes.",
+        "Number that the first frame of a video has in the ground truth, if it is another than in tables of boxes.",
         at_least=0,
         option="--truth-first-number",
         nothing="as in tables of boxes",
     )
     store: str | None = setting(
         None,
-        "Storage of frames; link: only their times, with a link to the video.",
+        "Storage of frames in the recording: converted to jpeg or png; or link: only their times, and a link to the "
+        "video file.",
         choices=("jpeg", "png", "link"),
         option="--store",
         nothing="PNG and JPEG files as they are, all else as jpeg",
@@ -294,7 +296,7 @@ class IngestPlan(Settings):
         95, "Quality of frames stored as JPEG.", at_least=1, at_most=100, option="--jpeg-quality"
     )
     confidence_scale: float = setting(
-        1.0, "Divide the detector's confidences by this.", above=0, option="--confidence-scale"
+        1.0, "Divide the detector's confidences by this: 100 for percentages.", above=0, option="--confidence-scale"
     )
     score_type: str = setting(
         "probability",
@@ -305,7 +307,7 @@ class IngestPlan(Settings):
     )
     classes: tuple[str, ...] = setting(
         (),
-        "Class of boxes to read, by number or name; may be repeated.",
+        "Class of boxes to read, by number or name; boxes of others are skipped. May be repeated.",
         repeat=True,
         option="--class",
         metavar="NAME",
@@ -325,7 +327,8 @@ class IngestPlan(Settings):
     )
     doa_convention: str | None = setting(
         None,
-        "Azimuth from +x towards +y; clockwise from north (+y); or from the array's own x axis.",
+        "Azimuths in DOA logs: math, from +x towards +y; compass, clockwise from north (+y); array, from the array's "
+        "own x axis.",
         choices=("math", "compass", "array"),
         option="--doa-convention",
         nothing="the format's own, or math",
@@ -385,7 +388,8 @@ class IngestPlan(Settings):
             )
         if self.grid is not None and not self.positions:
             raise UsageError(
-                f"{option('grid')} is the grid of positions; give positions, or leave it out", id="not-applicable"
+                f"{option('grid')} is the grid of positions; give {option('positions')}, or leave it out",
+                id="not-applicable",
             )
         turned = self.up is not None or self.ground_height is not None or self.mirror is not None
         if self.positions and turned:
@@ -396,7 +400,9 @@ class IngestPlan(Settings):
             )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
             raise UsageError(
-                "topics, the world frame and the axes of cameras apply to a bag; give a bag", id="not-applicable"
+                f"{option('topic')}, {option('topics')}, {option('world_frame')} and {option('camera_axes')} apply to "
+                "a bag; give a bag",
+                id="not-applicable",
             )
         if not self.calibration and not self.bags and turned:
             raise UsageError(
@@ -417,7 +423,8 @@ class IngestPlan(Settings):
                 )
         if self.store == "link" and self.images:
             raise UsageError(
-                "store link: only videos can be linked to; give png or jpeg for images", id="not-applicable"
+                f"{option('store')} link: only videos can be linked to; give png or jpeg for images",
+                id="not-applicable",
             )
 
     def calibration_options(self) -> CalibrationOptions:
@@ -443,7 +450,7 @@ class IngestPlan(Settings):
                 if name is not None and name not in known:
                     near = did_you_mean(name, known) if known else "give it without a name"
                     raise UsageError(
-                        f"{option(key)} {name}={value}: no camera or ARRAY=FILE has this name; {near}",
+                        f"{option(key)} {name}={value}: no camera, array or source of positions has this name; {near}",
                         id="unknown-sensor",
                     )
 

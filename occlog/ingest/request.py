@@ -64,7 +64,9 @@ class IngestRequest(Request):
     )
     topics: tuple[Path, ...] = source("Topics in a YAML file, `NAME: TOPIC`.", there=False, metavar="FILE")
     video: tuple[str, ...] = _several("Video of a camera.", "--video", "CAM=FILE")
-    images: tuple[str, ...] = _several("Images of a camera, in natural order.", "--images", "CAM=FOLDER")
+    images: tuple[str, ...] = _several(
+        "Images of a camera, in natural order of their names: img2 before img10.", "--images", "CAM=FOLDER"
+    )
     boxes: tuple[str, ...] = _several(
         "Boxes: CSV, JSON (COCO, supervision, Ultralytics), MOTChallenge text, or a folder of YOLO text.",
         "--boxes",
@@ -99,14 +101,15 @@ class IngestRequest(Request):
     )
     image_size: tuple[int, int] | None = setting(
         None,
-        "Size of the images: of the calibration, where it states none; a calibration that states another is scaled.",
+        "Width and height of the images [px], where the calibration states none; a calibration that states others is "
+        "scaled to them.",
         option="--image-size",
         metavar="WxH",
         size=True,
         shown="",
     )
     scene: Path | None = source(
-        "Scene with room, occluders, arrays and further cameras; one that the calibration has too is refused.",
+        "Scene with room, occluders, arrays and further cameras; a camera that the calibration has too is refused.",
         there=False,
         scene=True,
     )
@@ -115,7 +118,8 @@ class IngestRequest(Request):
     )
     readers: Path | None = source("Positions and ranges of the tag readers.", there=False, metavar="FILE")
     start_time: tuple[str, ...] = _several(
-        "Date and time (ISO 8601, UTC) or seconds since 1970 of the origin of the times. [default: 0]",
+        "Date and time (ISO 8601, UTC) or seconds since 1970 of time 0 of the inputs; it is added to their times. "
+        "[default: 0]",
         "--start-time",
         "[CAM=]TIME",
     )
@@ -124,10 +128,10 @@ class IngestRequest(Request):
         "--clock-offset",
         "SENSOR=SECONDS",
     )
-    fps: tuple[str, ...] = _several("Frame rate, where no sidecar gives times.", "--fps", "[CAM=]RATE")
+    fps: tuple[str, ...] = _several("Frames per second, where --timestamps gives no times.", "--fps", "[CAM=]RATE")
     frames: tuple[str, ...] = _several(
-        "Only frames A <= number < B, and true positions of their times; for boxes also: a frame "
-        "in this range without a row had no detection (frames count in the step of the files).",
+        "Only frames A <= number < B, and true positions of their times. A frame of this range without a row in "
+        "--boxes is one without a detection; if the frame numbers of a file have a step, only those in its step.",
         "--frames",
         "[CAM=]A:B",
     )

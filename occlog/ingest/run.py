@@ -377,7 +377,7 @@ def _write_positions(
         UsageError: the name of a source is in two files, or is that of a sensor.
     """
     grid = None if plan.grid is None else parse_grid(plan.grid)
-    taken = {sensor.name: f"a sensor of the scene, {sensor.name}" for sensor in scene.sensors}
+    taken = dict.fromkeys((sensor.name for sensor in scene.sensors), "a sensor of the scene")
     for name, path in plan.positions:
         sources = dict.fromkeys(["", *(source for source, _ in plan.positions if source is not None)])
         times = {source: found for source in sources if (found := times_of(plan, source, {})) is not None}
@@ -398,7 +398,8 @@ def _write_positions(
         for source in log.sources:
             if source in taken:
                 raise UsageError(
-                    f"{path}: has the source name of {taken[source]}; give it another name, NAME={path.name}",
+                    f"{path}: its source is called {source!r}, as is {taken[source]}; give it another name, "
+                    f"NAME={path.name}",
                     id="duplicate-name",
                 )
             taken[source] = f"that of {path.name}"
@@ -421,7 +422,7 @@ def _positions_in_words(path: Path, log: PositionLog) -> str:
         f"{counted(int((~there).sum()), 'frame')} without any",
     ]
     if log.step > 1:
-        text.append(f"frames in steps of {log.step} (the frame rate counts every number)")
+        text.append(f"frames in steps of {log.step} (the frame rate is that of all frame numbers)")
     text.append("no errors stated, jipda learns them" if not stated else f"errors stated of {stated}")
     if log.other_frames:
         text.append(f"skipped: {log.other_frames} of other frames")
@@ -457,7 +458,7 @@ def _write_reads(
         _check_tags(path, log, done.tags)
         done.tags.update(log.tags)
         if log.late:
-            note(f"{path.name}: {log.late} reads stood after later ones, and were put in the order of time")
+            note(f"{path.name}: {log.late} reads came after later ones, and were sorted by time")
         if log.double:
             done.checks.append(duplicates(path, log.double, "read"))
         for reads in copies.once([log.reads], path, done.checks, "read"):
@@ -542,7 +543,7 @@ def _split_tables(
 def _twice(key: int | str, other: Path) -> str:
     """Text for an error: the file `other` has the target `key` (int), or boxes of the camera `key` (str), too."""
     if isinstance(key, str):
-        return f"camera {key}: has true boxes in {other}, too, at the same times; give one of them, or join them"
+        return f"camera {key}: has true boxes in {other}, too, at the same times; give one of the files, or join them"
     return (
         f"target {key} has positions in {other}, too, at the same times; give each target its own number in a column id"
     )

@@ -83,7 +83,7 @@ class Turn(NamedTuple):
         unknown = np.isnan(truth.z)
         if unknown.any() and self.rotation[:2, 2].any():
             raise InputError(
-                f"{path}: has no heights, without which true positions cannot be turned upright; add z",
+                f"{path}: has no heights, without which true positions cannot be rotated so that z is up; add z",
                 id="missing-value",
             )
         x, y, z = self.positions(np.column_stack([truth.x, truth.y, np.where(unknown, 0.0, truth.z)])).T
@@ -241,17 +241,17 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
     scale = float((new / old).min())
     margin = (new - old * scale) / 2
     if margin.max() >= MIN_BAR_PX and _has_bars(bars, margin):
-        note(f"{change}: taken for scaled by {scale:.4g} between the black bars that they have")
+        note(f"{change}: assumed to be scaled by {scale:.4g}, between black bars")
         return _scaled(camera, size, np.array([scale, scale]), margin)
     if np.abs(new - old).max() <= CROP_PX:
-        note(f"{change}: taken for cut at the right and lower edge")
+        note(f"{change}: assumed to be cropped or padded at the right and lower edge")
         return _scaled(camera, size, np.ones(2), np.zeros(2))
     if abs((new / old)[0] / (new / old)[1] - 1) > SHAPE_SLACK:
         raise InputError(
             f"{change}: another aspect ratio; give the calibration of this video, or frames of its size",
             id="image-size-mismatch",
         )
-    note(f"{change}: taken for scaled by {scale:.4g}")
+    note(f"{change}: assumed to be scaled by {scale:.4g}")
     return _scaled(camera, size, new / old, np.zeros(2))
 
 

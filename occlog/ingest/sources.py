@@ -62,7 +62,7 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
         names = [name] if name is not None else cameras
         if name is not None and name not in cameras:
             raise UsageError(
-                f"{path}: time stamps of camera {name}, which there is not; cameras: {', '.join(cameras)}",
+                f"{path}: time stamps of camera {name}, which is not among the cameras: {', '.join(cameras)}",
                 id="unknown-sensor",
             )
         for camera, times in read_sidecar(path, names).items() if names else ():

@@ -62,8 +62,9 @@ def check_truth_consistency(
         medians[name] = float(np.median(values))
         if not medians[name] <= MAX_OFF:
             raise InputError(
-                f"{path}: camera {name}: true positions are {medians[name]:.2g} people heights away from their boxes "
-                f"(median of {len(values)}; limit {MAX_OFF:g}): another camera, unit or grid of positions",
+                f"{path}: camera {name}: true positions are {medians[name]:.2g} box heights off the feet of true boxes "
+                f"(median of {len(values)}; limit {MAX_OFF:g}); check the camera's name, and unit and grid of "
+                "positions",
                 id="incompatible-inputs",
             )
     if medians:
@@ -185,8 +186,8 @@ def within_frames(
         ends = [f"begin {early:.3g} s before the first"] if early > MIN_REPORTED_S else []
         ends += [f"go on {late:.3g} s after the last"] if late > MIN_REPORTED_S else []
         note(
-            f"truth: true positions {' and '.join(ends)} frame with boxes; people there count as missed: choose the "
-            "frames (frames), or cut the truth"
+            f"truth: true positions {' and '.join(ends)} frame with boxes; people at these times count as missed: "
+            f"limit both by {option('frames')}, or cut the truth"
         )
 
 

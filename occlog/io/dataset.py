@@ -122,11 +122,13 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
     for recording, part in parts.items():
         header = read_header(part)
         if header.table != name:
-            raise InputError(f"{part}: holds {header.table}, expected {name}", id="wrong-content")
+            raise InputError(
+                f"{part}: holds {header.table}, expected {name}; process its recording again", id="wrong-content"
+            )
         if where and header.length_unit != unit:
             raise InputError(
                 f"{name}: lengths are in {unit} in {where} and in {header.length_unit} in {recording}; a table has one "
-                "unit: make a batch of the recordings of each",
+                "unit: run one batch for each unit",
                 id="unit-mismatch",
             )
         unit, where = header.length_unit, where or recording
@@ -134,7 +136,9 @@ def _columns(parts: Mapping[str, Path], name: str) -> tuple[dict[str, pa.Field],
         check_schema(part, schema, TABLES[name])
         twice = [each for each, count in Counter([RECORDING.name, *schema.names]).items() if count > 1]
         if twice:
-            raise InputError(f"{part}: column {twice[0]} would be there twice; make it again", id="damaged-file")
+            raise InputError(
+                f"{part}: column {twice[0]} would occur twice; process its recording again", id="damaged-file"
+            )
         for field in schema:
             known = fields.setdefault(field.name, field)
             if known.type != field.type:
@@ -162,7 +166,8 @@ def _batches(parts: Mapping[str, Path], schema: pa.Schema) -> Iterator[pa.Table]
                 columns.append(batch.column(field.name) if there else pa.nulls(batch.num_rows, field.type))
                 if there and (missing := columns[-1].null_count) and not field.nullable:
                     raise InputError(
-                        f"{part}: column {field.name}: {missing} missing values; make it again", id="damaged-file"
+                        f"{part}: column {field.name}: {missing} missing values; process its recording again",
+                        id="damaged-file",
                     )
             yield pa.Table.from_arrays(columns, schema=schema)
 

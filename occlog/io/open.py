@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 
 from occlog.console.notes import log_detail
-from occlog.errors import InputError, NoSceneError, OcclogError, UsageError
+from occlog.errors import InputError, NoSceneError, OcclogError, UsageError, option
 from occlog.io.files.input_units import STATED
 from occlog.io.files.limits import EXPECTED, ROS_BAG, Content, content_of, describe_unsupported, holds_text
 from occlog.io.files.provenance import Provenance
@@ -150,7 +150,7 @@ class Opened:
                 try:
                     best_fit(self.external_table.source, tables)
                 except InputError as error:
-                    raise InputError(f"{error}; as it is, it holds {self.table}") from None
+                    raise InputError(f"{error}; with its present columns it is read as {self.table}") from None
             return
         names = [t.NAME for t in tables]
         if self.recording is None:
@@ -193,13 +193,14 @@ def open_input(path: Path, *wants: type[ColumnTable], remedy: str = REMEDY, fps:
             raise InputError(f"{path}: is {mistaken}", id="wrong-content")
         if path.suffix.lower() == ".json":
             raise InputError(
-                f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`",
+                f"{path}: is JSON, which is not read here; convert boxes in JSON to a recording: `occlog ingest "
+                "--boxes`",
                 id="wrong-content",
             )
         if path.suffix.lower() not in (RECORDING_SUFFIX, ".parquet") and holds_text(path):
             raise InputError(
-                f"{path}: is text without a line of names of columns, one of them of times; begin it with a header, as "
-                "time,id,x,y",
+                f"{path}: is text without a header line; begin it with the names of its columns, one of them of times, "
+                "as time,id,x,y",
                 id="unknown-format",
             )
         # The reader of the kind that the name states explains the fault of the content
@@ -267,7 +268,8 @@ def _refuse_stations(path: Path) -> None:
                 id="missing-column",
             )
         raise InputError(
-            f"{path}: is a table of stations, not of what they measured; give it as the scene", id="wrong-content"
+            f"{path}: holds the positions of stations, not their measurements; give it by {option('scene')}",
+            id="wrong-content",
         )
 
 

@@ -54,7 +54,8 @@ def kind_of(url: str) -> str:
     kind = found.group(1).lower() if found else ""
     if kind not in PACKAGES or "::" in url:
         raise UsageError(
-            f"{public_url(url)}: {kind}: is not taken; give a file, or one of {', '.join(PACKAGES)}",
+            f"{public_url(url)}: URLs of {kind or 'no scheme'} are not read; give a file, or a URL of "
+            f"{', '.join(PACKAGES)}",
             id="unsupported-format",
         )
     return kind
@@ -208,7 +209,9 @@ def fetch(url: str, file: Path) -> int:
         part.replace(file)
         return file.stat().st_size
     except OSError as error:
-        raise OutputError(f"{file.parent}: cannot keep {public_url(url)}: {error.strerror or error}") from error
+        raise OutputError(
+            f"{file.parent}: cannot store the download of {public_url(url)}: {error.strerror or error}"
+        ) from error
     finally:
         part.unlink(missing_ok=True)
 
@@ -326,7 +329,8 @@ class Cache:
         if hash_file(video) not in [link.get("sha256") for link in open_recording(recording).videos.values()]:
             video.unlink()
             raise InputError(
-                f"{public_url(there)}: is not the video that {recording.name} links to (SHA-256); put that one there",
+                f"{public_url(there)}: its SHA-256 is not that of the video that {recording.name} links to; put that "
+                "video there",
                 id="file-changed",
             )
 
@@ -339,7 +343,10 @@ class Cache:
         size = fetch(url, file)
         if wanted is not None and size != wanted:
             file.unlink()
-            raise InputError(f"{public_url(url)}: came with {size} bytes of {wanted}; try again", id="transfer-failed")
+            raise InputError(
+                f"{public_url(url)}: the download has {size} bytes instead of {wanted}; try again",
+                id="transfer-failed",
+            )
 
     @contextmanager
     def _using(self, key: str) -> Iterator[Path]:

@@ -21,14 +21,14 @@ class DistanceMeasurementConfig(Settings):
 
     propagation_speed: str | None = setting(
         None,
-        "Speed of propagation, by which time differences are lengths: sound (343 m/s), light, or metres per second.",
+        "Speed of propagation, to convert time differences to lengths: sound (343 m/s), light, or metres per second.",
         option="--propagation-speed",
         metavar="sound|light|SPEED",
         nothing="time differences are refused",
     )
     tag_height: float | None = setting(
         None,
-        "Height of the targets that stations measure, above z = 0.",
+        "Height of the tags or targets that stations measure, above z = 0.",
         unit="length",
         option="--tag-height",
         nothing="that of the path loss model; else stations must have z = 0",
@@ -43,7 +43,8 @@ class DistanceMeasurementConfig(Settings):
     )
     sigma_range_difference: float | None = setting(
         None,
-        "Measurement noise of time differences that do not state their own (standard deviation as a length).",
+        "Measurement noise of range differences and time differences that do not state their own (standard deviation "
+        "as a length).",
         unit="length",
         above=0,
         option="--sigma-range-difference",
@@ -55,8 +56,8 @@ class DistanceMeasurementConfig(Settings):
         "[dB]).",
         above=0,
         option="--sigma-rssi",
-        nothing=f"noise and shadowing of --path-loss, or of {NOISE_DB:g} and {SHADOW_DB:g} dB, the latter for "
-        f"{SHADOW_S:g} s: the larger, the sooner a station reads again",
+        nothing=f"from noise and shadowing of --path-loss, or {NOISE_DB:g} and {SHADOW_DB:g} dB with a correlation "
+        f"time of {SHADOW_S:g} s: larger, the sooner reads of a station follow each other",
     )
     rssi_power: float = setting(
         POWER_DBM, "Received power at 1 m [dBm] of stations for which the scene states none.", option="--rssi-power"
@@ -66,21 +67,22 @@ class DistanceMeasurementConfig(Settings):
     )
     measured_loss_threshold: float = setting(
         3.7,
-        "Normalised residual at which a range, strength or difference is as likely false as true. Smaller values "
-        "reject more.",
+        "Residual, in standard deviations, at which a range, signal strength or difference is as likely an outlier as "
+        "not. Smaller values reject more.",
         above=0,
         option="--measured-loss-threshold",
     )
     nlos_probability: float = setting(
         0.05,
-        "Share of non-line-of-sight (NLOS) signals with too long a range; 0: none. Does not concern strengths.",
+        "Share of non-line-of-sight (NLOS) signals, which make a range too long; 0: none. It does not apply to signal "
+        "strengths.",
         at_least=0,
         below=1,
         option="--nlos-probability",
     )
     nlos_bias: float | None = setting(
         None,
-        "Mean NLOS bias, the excess of such ranges.",
+        "Mean NLOS bias: by how much ranges without line of sight are too long.",
         unit="length",
         above=0,
         option="--nlos-bias",

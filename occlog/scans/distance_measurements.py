@@ -85,7 +85,7 @@ class RangeDifferenceCheck:
         if self._all >= MIN_DIFFERENCES and self._beyond > MAX_IMPOSSIBLE_SHARE * self._all:
             raise InputError(
                 f"measurements: {self._beyond} of {self._all} differences are longer than their stations are apart: "
-                f"{self._first}; check the unit of times, propagation, and the unit of the stations",
+                f"{self._first}; check the units of times and stations, and {option('propagation_speed')}",
                 id="unit-mismatch",
             )
 
@@ -120,8 +120,8 @@ def check_plausible(
         n = int(low[0])
         raise InputError(
             f"measurements: the range {_where(table, int(row[n]))} is {packed.value[n]:g}, "
-            f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; a range is a "
-            "distance (range_difference is a difference)"
+            f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; if it is a "
+            "difference of ranges, name its column range_difference"
         )
     found = RangeDifferenceCheck() if differences is None else differences
     found.add(table, row, packed)
@@ -149,9 +149,8 @@ def _refuse_copies(table: Measurements, row: Ints, packed: RangeMeasurements) ->
     if same.any():
         n = int(own[order][1:][same][0])
         raise InputError(
-            f"measurements: a value of {str(table.sensor[n])!r} at {time_words(table.t_ns[n])} is there twice, "
-            "and would count "
-            "as two that agree; remove one of the rows",
+            f"measurements: a value of {str(table.sensor[n])!r} at {time_words(table.t_ns[n])} occurs twice, and "
+            "would count as two measurements; remove one of the rows",
             id="duplicate-row",
         )
 
@@ -479,8 +478,8 @@ def pack(
             continue
         kind, value, sigma = _as_length(name, table.take(own), at, station[own], config, radio)
         if (silent := ~np.isfinite(sigma)).any():
-            option = "sigma_range" if name == "range" else "sigma_difference"
-            remedy = "" if name in PLAIN else f", or set {option}"
+            usual = "sigma_range" if name == "range" else "sigma_range_difference"
+            remedy = "" if name in PLAIN else f", or give {option(usual)}"
             raise InputError(
                 f"measurements: the {WORDS.get(name, name)} of {str(table.sensor[own][silent][0])!r} at "
                 f"{time_words(table.t_ns[own][silent][0])} has no standard deviation; give a column "
@@ -544,8 +543,8 @@ def _as_length(
     if name == "tdoa":
         if config.speed is None:
             raise InputError(
-                "measurements: time differences in seconds require the speed of propagation (sound, light, or metres a "
-                "second): set propagation",
+                "measurements: time differences in seconds require the speed of propagation: give "
+                f"{option('propagation_speed')} sound, light or metres per second",
                 id="missing-unit",
             )
         speed = config.speed * at.metre
@@ -573,7 +572,9 @@ def _numbers(names: np.ndarray, at: StationModel, column: str) -> Ints:
                 id="unknown-sensor",
             )
         if not np.isfinite(at.position[at.names.index(name), :2]).all():
-            raise InputError(f"measurements: {name!r} has no position in the scene; add it", id="unknown-sensor")
+            raise InputError(
+                f"measurements: station {name!r} has no position in the scene; add it", id="unknown-sensor"
+            )
     return np.array([at.names.index(name) for name in found.tolist()], dtype=np.int64)[inverse]
 
 

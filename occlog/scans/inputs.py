@@ -80,7 +80,7 @@ class MeasurementInputs:
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
         self.scene: Scene = load_scene(scene, measured.scene, bearings)
         if measured.external_table is not None and measured.table == Doa.NAME:
-            sources = f"those of sources, not of targets ({option('doa_labels')}: they are)"
+            sources = f"those of sources of sound, not of targets (unless {option('doa_labels')} is given)"
             labels = "labels of targets" if doa_labels else sources
             console.note(
                 f"{bearings}: has no column sigma, so that it is read as directions of arrival; standard deviations "

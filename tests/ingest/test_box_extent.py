@@ -134,7 +134,7 @@ def test_a_size_that_is_given_scales_a_calibration_of_another(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ingest(tmp_path, "--image-size", "1280x720") == ExitCode.DONE
-    assert "camera a: frames of 1280 x 720 px, calibrated for 1920 x 1080: taken for scaled by 0.6667" in (
+    assert "camera a: frames of 1280 x 720 px, calibrated for 1920 x 1080: assumed to be scaled by 0.6667" in (
         capsys.readouterr().err
     )
     scene = open_recording(tmp_path / "r.mcap").scene

@@ -23,7 +23,7 @@ def test_coco_of_images_of_another_size_scales_the_calibration(
     words = [w for name in ("left", "right") for w in ("--boxes", f"{case / name}.json")]
     words += [w for name in ("left", "right") for w in ("--calibration", f"{case / name}.yaml")]
     assert run(["ingest", "-o", str(out), *words, "--fps", "10"]) == ExitCode.DONE
-    assert "frames of 640 x 360 px, calibrated for 1280 x 720: taken for scaled by 0.5" in capsys.readouterr().err
+    assert "frames of 640 x 360 px, calibrated for 1280 x 720: assumed to be scaled by 0.5" in capsys.readouterr().err
     scene = open_recording(out).scene
     assert scene is not None
     assert [camera.image_size for camera in scene.cameras] == [(640, 360)] * 2

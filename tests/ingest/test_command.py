@@ -237,13 +237,13 @@ def test_frames_of_another_size_than_calibrated(
 
     code, err = calibrated_for("320, 240", "s.mcap")
     assert code == ExitCode.DONE
-    assert "taken for scaled by 0.5" in err
+    assert "assumed to be scaled by 0.5" in err
     camera = open_recording(place / "s.mcap").scene.camera("cam1")  # type: ignore[union-attr]
     assert camera.focal_px.tolist() == [75, 75]
     assert camera.principal_px.tolist() == [79.5, 59.5]
     code, err = calibrated_for("168, 128", "c.mcap")
     assert code == ExitCode.DONE
-    assert "taken for cut at the right and lower edge" in err
+    assert "assumed to be cropped or padded at the right and lower edge" in err
     camera = open_recording(place / "c.mcap").scene.camera("cam1")  # type: ignore[union-attr]
     assert camera.principal_px.tolist() == [83.5, 63.5]
     code, err = calibrated_for("300, 120", "e.mcap")
@@ -384,7 +384,7 @@ def test_folders_of_yolo_text_become_boxes_of_the_calibrated_cameras(
             (folder / f"walk_{frame}.txt").write_text(line)
     given = ("--boxes", str(place / "yolo"), "--fps", "10")
     assert ingest(place, *given) == ExitCode.BAD_INPUT
-    assert "choose the class of people" in capsys.readouterr().err
+    assert "choose that of people (--class NAME)" in capsys.readouterr().err
     assert ingest(place, *given, "--class", "0") == ExitCode.DONE
     boxes = Boxes.concat(open_recording(place / "out.mcap").tables(Boxes))
     assert boxes.frame.tolist() == [3, 3, 4, 4, 5, 5]
@@ -427,7 +427,7 @@ def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_ta
     assert (truth.t_ns[0], truth.t_ns[-1], len(truth)) == (150_000_000, 950_000_000, 17)
     assert run(["ingest", "-o", str(place / "all.mcap"), *given]) == ExitCode.DONE
     stderr = capsys.readouterr().err
-    assert "true positions go on 7 s after the last frame with boxes; people there count as missed" in stderr
+    assert "true positions go on 7 s after the last frame with boxes; people at these times count as missed" in stderr
     assert len(open_recording(place / "all.mcap").read(Truth)) == 200
 
 
@@ -481,7 +481,7 @@ def test_two_labels_of_a_sidecar_are_not_one_camera(place: Path, capsys: pytest.
     (place / "times.csv").write_text("camera,time\ncam1,0\ncam1,1\ncam01,100\ncam01,101\n")
     inputs = ("--boxes", f"cam1={place / 'boxes.csv'}", "--timestamps", str(place / "times.csv"))
     assert ingest(place, *inputs) == ExitCode.BAD_INPUT
-    assert "cameras 'cam1' and 'cam01' would both be cam1" in capsys.readouterr().err
+    assert "cameras 'cam1' and 'cam01' would both be taken for cam1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -498,7 +498,7 @@ def test_a_file_of_several_sensors_is_not_given_as_that_of_one(
     (place / "t.csv").write_text(text)
     option, name = given.split()
     assert ingest(place, option, f"{name}{place / 't.csv'}", "--fps", "10") == ExitCode.BAD_INPUT
-    assert f"line 3: is of {'camera' if name == 'cam1=' else 'sensor'}" in capsys.readouterr().err
+    assert f"line 3: {'camera' if name == 'cam1=' else 'sensor'} is " in capsys.readouterr().err
 
 
 def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
@@ -514,7 +514,7 @@ def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
     assert {c.name: c.placed for c in scene.cameras} == {"thermal1": False, "cam1": True, "cam2": True}
     inputs = ("--boxes", f"thermal1={boxes}", "--boxes", f"rgb1={boxes}", "--fps", "10", "--allow-uncalibrated")
     assert ingest(place, *inputs, output="two.mcap") == ExitCode.BAD_INPUT
-    assert "cameras 'thermal1' and 'rgb1' would both be cam1" in capsys.readouterr().err
+    assert "cameras 'thermal1' and 'rgb1' would both be taken for cam1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -522,7 +522,7 @@ def test_a_camera_does_not_take_the_calibration_of_one_that_has_its_very_name(
     [
         (
             ("--start-time", "cma1=5"),
-            "--start-time cma1=5: no camera or ARRAY=FILE has this name; did you mean 'cam1'",
+            "--start-time cma1=5: no camera, array or source of positions has this name; did you mean 'cam1'",
         ),
         (("--fps", "cma1=5"), "--fps cma1=5: no camera"),
         (("--fps", "5"), "--fps is given twice; keep one"),

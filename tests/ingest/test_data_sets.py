@@ -110,7 +110,7 @@ def test_positions_that_are_not_where_the_boxes_are_are_refused(
     folder = wildtrack(tmp_path / "W", shift=480 * 200)
     given = [str(folder), "--boxes", str(folder / "annotations_positions")]
     assert run(["ingest", "-o", str(tmp_path / "w.mcap"), *given]) == ExitCode.BAD_INPUT
-    assert "people heights away" in capsys.readouterr().err
+    assert "box heights off the feet of true boxes" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,9 @@ def test_truth_that_counts_frames_is_not_moved_with_one_of_the_cameras(
         one = ["--clock-offset", f"{first}=-0.4s"]
         args = ["ingest", "-o", str(place / "out.mcap"), "--overwrite", "-q", *given, "--truth", str(truth), *one]
         assert run(args) == ExitCode.USAGE
-        assert "the cameras' frames differ in time; give CAMERA=t.csv" in capsys.readouterr().err
+        assert (
+            "frames, which have other times in each camera; state its camera: CAMERA=t.csv" in capsys.readouterr().err
+        )
         assert times("--truth", f"{camera}={truth}", *one) == [10**9, 1_300_000_000]
         assert times("--truth", f"{first}={truth}", *one) == [600_000_000, 900_000_000]
 

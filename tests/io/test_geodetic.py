@@ -119,7 +119,7 @@ def test_without_an_origin_the_first_position_is_suggested(
     assert run([*ask, "--origin", suggested, "-q"]) == ExitCode.DONE  # the hint is a command that works
     capsys.readouterr()
     assert run([*ask, "--origin", "13.3777,52.5163"]) == ExitCode.BAD_INPUT
-    assert "km from the origin 13.3777,52.5163; is that LAT,LON" in capsys.readouterr().err
+    assert "km from the origin 13.3777,52.5163; correct the origin" in capsys.readouterr().err
     assert run([*ask, "--origin", "52.5163"]) == ExitCode.USAGE
     assert "'52.5163' is not LAT,LON[,DEG[,HEIGHT]]" in capsys.readouterr().err
     tracks = str(tmp_path / "tracks.csv")

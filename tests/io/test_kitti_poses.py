@@ -58,8 +58,8 @@ def test_times_that_are_missing_or_of_another_sequence_are_refused(
 ) -> None:
     for times, words in (
         (0, "put the times of the sequence into its folder as 00_times.txt, one a line [s]"),
-        (N - 2, "12 poses or more; times.txt has 10 times; one each is needed"),
-        (N + 2, "12 poses; times.txt has 14 times; one each is needed"),
+        (N - 2, "at least 12 poses, but times.txt has 10 times"),
+        (N + 2, "12 poses, but times.txt has 14 times"),
     ):
         path = write(tmp_path, times=times)
         assert run(["evaluate", str(path), "--truth", str(tmp_path / "scene.csv")]) == ExitCode.BAD_INPUT

@@ -210,7 +210,7 @@ def test_what_cannot_be_says_why(
 @pytest.mark.parametrize(
     ("head", "line", "more", "message"),
     [
-        ("range_m,sigma_range_m", "{t},{s},-3.0,0.1", [], "standard deviations below 0; a range is a distance"),
+        ("range_m,sigma_range_m", "{t},{s},-3.0,0.1", [], "standard deviations below 0; if it is a difference"),
         ("range_m,sigma_range_m", "{t},{s},5.0,0.1\n{t},{s},5.0,0.1", [], "is a duplicate"),
         ("rssi_dbm", "{t},{s},70", [], "received signals are below 20; are signs missing?"),
         (

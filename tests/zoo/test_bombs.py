@@ -159,7 +159,9 @@ def test_a_long_text_does_not_make_every_row_as_long(tmp_path: Path, capfd: pyte
     (line,) = capfd.readouterr().err.splitlines()
     assert f"a text of {len(LONG)} characters; shorten it to {MAX_CELL}" in line
     check_texts([LONG], ROWS - 1, "x")
-    with pytest.raises(InputError, match=f"x: a text of {len(LONG)} characters in {ROWS} rows"):
+    with pytest.raises(
+        InputError, match=f"x: a text of {len(LONG)} characters, the memory of which each of {ROWS} rows takes"
+    ):
         check_texts([LONG], ROWS, "x")
     check_texts([LONG[:LONG_TEXT]], 10**9, "x")
 

@@ -59,7 +59,7 @@ def many(one: bytes) -> bytes:
     return one * (MAX_CHUNK_BYTES // len(one))
 
 
-RECORDS = f"hold {FREE_RECORDS} records more than one for each 2 packed bytes"
+RECORDS = f"more records than {FREE_RECORDS} and one for each 2 compressed bytes"
 CASES: dict[str, tuple[Callable[[], bytes], str]] = {
     "zeros": (lambda: whole(chunk(many(bytes(9)))), RECORDS),
     "records of others": (lambda: whole(chunk(many(record(0x80, b"")))), RECORDS),

@@ -161,7 +161,7 @@ def test_vectors_are_read_in_parts_of_few_rows(tmp_path: Path, monkeypatch: pyte
     assert [len(part) for part in vectors.in_parts(tmp_path, 100, [pa.record_batch({"a": fixed})])] == [1, 1, 1]
     monkeypatch.setattr(arrow_columns, "MAX_NUMBERS", 5)
     (column,) = (c for c in Views.columns() if c.name == "embedding")
-    with pytest.raises(InputError, match="a list of 2 numbers among 5 rows, most without any"):
+    with pytest.raises(InputError, match="a list of 2 numbers among 5 rows, most of which have none"):
         arrow_columns.vectors(column, pa.array([[1.0, 2.0], [], [], [], []], pa.list_(pa.float32())))
 
 
@@ -176,7 +176,7 @@ def test_rows_that_are_held_to_be_put_in_order_have_a_limit(tmp_path: Path, orde
     path.write_bytes(as_parquet(pa.table({"t_ns": times, "sensor": names, "azimuth_rad": np.zeros(rows)})))
     outcome = check_apart("export", path, "-o", tmp_path / "o.csv")
     assert (outcome.code, outcome.output.strip().count("\n")) == (ExitCode.BAD_INPUT, 0)
-    assert "unsorted rows or rows of one time" in outcome.output
+    assert "unsorted rows, or rows of one time" in outcome.output
 
 
 def test_texts_of_our_tables_take_no_more_than_their_file_may(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +184,7 @@ def test_texts_of_our_tables_take_no_more_than_their_file_may(tmp_path: Path, mo
     write_table(path := tmp_path / "b.parquet", made, Provenance("test"))
     assert read_table(path, Bearings).sensor.tolist() == made.sensor.tolist()
     monkeypatch.setattr(parquet, "max_decompressed_bytes", lambda _: 399_999)
-    with pytest.raises(InputError, match=r"b\.parquet: texts of more than 399999 bytes in a file of"):
+    with pytest.raises(InputError, match=r"b\.parquet: texts need more than 399999 bytes in a file of"):
         read_table(path, Bearings)
 
 

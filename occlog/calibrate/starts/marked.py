@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from occlog.array_types import Floats
 from occlog.core.geometry.lens import undistort
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.formats.calibration.readers.homography import ground_pose
 from occlog.records.scene import Camera, camera_fov
 
@@ -141,7 +141,8 @@ def _without_lens(camera: Camera, pixels: Floats, points: Floats) -> Camera:
     """
     if camera.image_size is None:
         raise InputError(
-            f"camera {camera.name}: has no image size; give it to ingest, or add image_size_px to a scene",
+            f"camera {camera.name}: has no image size; give {option('image_size')} to ingest, or add image_size_px to "
+            "the scene",
             id="missing-image-size",
         )
     if points[:, 2].any():

@@ -51,8 +51,9 @@ class FieldSettings(Settings):
     )
     escape: str = setting(
         "inside",
-        "Way out of an oscillation: `none`; `inside`: turn by a right angle where a step could reach the obstacle "
-        "(step 3.1); `outside`: at most a step farther away, turn by the angle at which it is just passed (step 3.2).",
+        "Way out of an oscillation: `none`; `inside`: turn by a right angle if the next step could reach the obstacle "
+        "(step 3.1); `outside`: if it is at most one more step away, turn by the angle at which the obstacle is just "
+        "passed (step 3.2).",
         choices=("none", "inside", "outside"),
         option="--escape",
     )

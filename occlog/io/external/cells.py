@@ -106,7 +106,8 @@ class TextCells:
         """
         numbers = "numbers" if width == ANY_WIDTH else f"{width} numbers"
         raise InputError(
-            f"{self._rows.path}: column {name} requires lists of {numbers}, which text does not hold",
+            f"{self._rows.path}: each cell of column {name} must be a list of {numbers}, which a text table cannot "
+            "hold; give Parquet or Arrow",
             id="wrong-content",
         )
 
@@ -334,7 +335,11 @@ class ArrowCells:
     def _check_range(self, name: str, values: Floats | Ints, unit: str) -> None:
         limit = MAX_NS // UNITS[unit]
         if not ((values >= -limit) & (values <= limit)).all():
-            raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}", id="time-out-of-range")
+            raise InputError(
+                f"{self._path}: column {name}: a time in {unit} is out of range; times from 1824 to 2115 can be held; "
+                "check its unit",
+                id="time-out-of-range",
+            )
 
     def _check_steps(self, name: str, unit: str) -> None:
         """InputError for times in floats of insufficient precision: since 1970, float32 resolves 128 s only.

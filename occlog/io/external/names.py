@@ -416,7 +416,9 @@ def _check_case(layout: TableLayout, names: Sequence[str]) -> None:
     for name in names:
         low = plain_name(name)
         if low in used and low in first:
-            raise InputError(f"columns {first[low]!r} and {name!r} have one name; keep one", id="duplicate-name")
+            raise InputError(
+                f"columns {first[low]!r} and {name!r} are read as the same name; keep one", id="duplicate-name"
+            )
         first.setdefault(low, name)
 
 
@@ -451,6 +453,7 @@ def _check_lengths(layout: TableLayout) -> None:
                 similar = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
             raise InputError(
                 (f"column {bare.name} does not state its unit: " if bare is not None else "")
-                + f"columns {first.name} and {s.name} have several units; give all lengths one ({', '.join(similar)})",
+                + f"columns {first.name} and {s.name} have different units; use one unit for all lengths "
+                f"({', '.join(similar)})",
                 id="conflicting-values",
             )

@@ -347,7 +347,8 @@ def _find_parts(folder: Path) -> ColumnSource | None:
         if first is not None and set(names) != set(first):
             others = sorted(set(names) ^ set(first))
             raise InputError(
-                f"{part}: its columns are not those of {parts[0].name}: {', '.join(others[:5])}; name one file",
+                f"{part}: columns {', '.join(others[:5])} are in this file or in {parts[0].name}, but not in both; "
+                "give a single file",
                 id="incompatible-inputs",
             )
         first = first or names

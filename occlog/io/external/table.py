@@ -109,7 +109,8 @@ class ExternalTable:
             return
         if not {own, length_unit} <= METRES.keys():
             raise InputError(
-                f"{self.source.path}: lengths are in {own}, which cannot be converted to {length_unit}",
+                f"{self.source.path}: lengths are in {own}, which cannot be converted to {length_unit} of the scene; "
+                "convert them",
                 id="unit-mismatch",
             )
         self.wanted_unit = length_unit
@@ -166,8 +167,8 @@ class ExternalTable:
         size, held = self.source.size, sum(c.nbytes for part in parts for c in part.values())
         if held > max(FREE_BYTES, HELD_PER_BYTE * size):
             raise InputError(
-                f"{self.source.path}: unsorted rows or rows of one time need {held} bytes in a file of {size}; "
-                "sort them by time, or shorten the longest text",
+                f"{self.source.path}: unsorted rows, or rows of one time, need {held} bytes, too many for a file of "
+                f"{size}; sort the rows by time, or shorten the longest text",
                 id="input-too-large",
             )
 
@@ -280,7 +281,13 @@ class ExternalTable:
         if s.unit == "deg":
             values = np.radians(values)
         elif c.unit == "rad":
-            _refuse(cells, values, np.abs(values) > FARTHEST_RAD, f"{s.name} is", " rad; is it in degrees? Name it so")
+            _refuse(
+                cells,
+                values,
+                np.abs(values) > FARTHEST_RAD,
+                f"{s.name} is",
+                f" rad; if it is in degrees, name it {s.name}_deg",
+            )
         if s.compass:
             return 0.5 * np.pi - values
         if c.unit == "s" and s.unit in SECONDS:
@@ -327,8 +334,8 @@ def best_fit(source: ColumnSource, tables: Sequence[type[ColumnTable]] = ()) -> 
     """
     if sum(_OF_A_TARGET.fullmatch(name.lower()) is not None for name in source.names) > 2:
         raise InputError(
-            f"{source.path}: has columns for each target ({', '.join(source.names)[:60]}); write a row for each: "
-            "time,id,x,y",
+            f"{source.path}: has separate columns for each target ({', '.join(source.names)[:60]}); write one row for "
+            "each target and time: time,id,x,y",
             id="unknown-format",
         )
     wanted = tuple(tables) or _every_table()

@@ -67,7 +67,9 @@ def check_writable(path: Path, overwrite: bool) -> None:
     if own is not None and own in (Path.cwd() / path).parents:
         real = Path(os.path.realpath(path))
         if own not in real.parents:
-            raise OutputError(f"{path}: is a link to {real}, outside of {own}, where it would be replaced; remove it")
+            raise OutputError(
+                f"{path}: is a link to {real}, outside of {own}, which would be replaced; remove the link"
+            )
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if path.exists() and not path.is_file():
@@ -367,7 +369,8 @@ def alone_with(path: Path, command: str, patience: float = 0.0) -> Iterator[None
         while not _locked(descriptor):
             if time.monotonic() >= end:
                 raise UsageError(
-                    f"{path}: another `occlog {command}` works with it; wait, or name another one", id="output-busy"
+                    f"{path}: is in use by another `occlog {command}`; wait until it ends, or name another one",
+                    id="output-busy",
                 )
             time.sleep(0.05)
         yield

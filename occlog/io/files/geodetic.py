@@ -160,7 +160,7 @@ def positions_on_earth(degrees: Floats, heights: Floats | None, where: str) -> F
         longitude, latitude = degrees[bad].tolist()
         raise InputError(
             f"{where}: {latitude:g},{longitude:g} is more than {MAX_DISTANCE_M / 1000:g} km from the origin "
-            f"{origin.latitude:g},{origin.longitude:g}; is that LAT,LON of this scene? 0,0 is no fix"
+            f"{origin.latitude:g},{origin.longitude:g}; correct the origin, or leave out rows without a fix (0,0)"
         )
     return found
 

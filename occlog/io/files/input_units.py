@@ -70,7 +70,7 @@ class StatedUnits:
             raise InputError(f"column {name} cannot be in {stated}; {wanted}", id="unit-mismatch")
         if by_name and by_name != stated:
             raise UsageError(
-                f"column {name} is in {by_name} by its name, and stated to be in {stated}; state no other unit",
+                f"column {name} is in {by_name} by its name, but stated to be in {stated}; state {by_name} or nothing",
                 id="unit-mismatch",
             )
         return stated

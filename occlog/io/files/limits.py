@@ -21,7 +21,7 @@ from .programs import START, describe_program
 STANDARD_INPUT = "-"
 """Name of the file that holds the content of standard input."""
 
-ROS_BAG = "of a bag of another program `occlog ingest` makes a recording"
+ROS_BAG = "convert a bag of another program by `occlog ingest`"
 """Remedy for a bag where a recording was expected."""
 
 
@@ -271,7 +271,10 @@ def check_texts(texts: Iterable[str], rows: int, where: Path | str) -> None:
         raise InputError(f"{where}: {cut[:40]!r}: a text must not contain the character 0 (NUL); rename it")
     longest = max(map(len, different), default=0)
     if longest > LONG_TEXT and 4 * longest * rows > MAX_TEXTS_BYTES:
-        raise InputError(f"{where}: a text of {longest} characters in {rows} rows; shorten it to {LONG_TEXT}")
+        raise InputError(
+            f"{where}: a text of {longest} characters, the memory of which each of {rows} rows takes; shorten it to "
+            f"{LONG_TEXT}"
+        )
 
 
 def check_text(value: str, where: Path | str) -> None:

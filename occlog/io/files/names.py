@@ -77,7 +77,7 @@ def match_sensor(given: str, names: Sequence[str], where: str, *, what: str = "c
     if len(same) == 1:
         return same[0]
     found = f"may be any of {', '.join(same)}" if same else f"is none of {', '.join(names) or f'the {what}s (none)'}"
-    raise InputError(f"{where}: {what} {given!r} {found}; give them equal names")
+    raise InputError(f"{where}: {what} {given!r} {found}; use the same name in all inputs")
 
 
 def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, what: str = "camera") -> None:
@@ -93,7 +93,7 @@ def check_meaning(meant: dict[str, str], label: str, name: str, where: str, *, w
     other = meant.setdefault(name, label)
     if other != label:
         raise InputError(
-            f"{where}: {what}s {other!r} and {label!r} would both be {name}; give them names in use",
+            f"{where}: {what}s {other!r} and {label!r} would both be taken for {name}; write the exact name of each",
             id="duplicate-name",
         )
 

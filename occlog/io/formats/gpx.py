@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.geodetic import begin_positions, has_heights, note_unused_heights, positions_on_earth
 from occlog.io.files.limits import check_input, guarded
 from occlog.io.files.texts.csv_rows import CsvRows
@@ -97,7 +97,9 @@ def _rows(path: Path, points: list[tuple[int, str, float, float, float]], last: 
     where = f"{path}: points {numbers[0]} to {numbers[-1]}"
     if has_heights() and np.isnan(heights).any():
         bad = int(numbers[np.isnan(heights)][0])
-        raise InputError(f"{path}: point {bad}: has no <ele>; leave the height out of the origin", id="missing-value")
+        raise InputError(
+            f"{path}: point {bad}: has no <ele>; leave the height out of {option('origin')}", id="missing-value"
+        )
     xyz = positions_on_earth(degrees, np.array(heights) if has_heights() else None, where)
     if np.isfinite(heights).any():
         note_unused_heights(str(path))

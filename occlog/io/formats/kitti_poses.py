@@ -58,7 +58,7 @@ def read_kitti(path: Path) -> Iterator[CsvRows]:
         last = first + len(rows)
         if last > len(times):
             raise InputError(
-                f"{path}: {last} poses or more; {times_file.name} has {len(times)} times; one each is needed",
+                f"{path}: at least {last} poses, but {times_file.name} has {len(times)} times; give one for each pose",
                 id="incompatible-inputs",
             )
         low, high = np.minimum(low, position.min(axis=0)), np.maximum(high, position.max(axis=0))
@@ -66,7 +66,7 @@ def read_kitti(path: Path) -> Iterator[CsvRows]:
         first = last
     if first != len(times):
         raise InputError(
-            f"{path}: {first} poses; {times_file.name} has {len(times)} times; one each is needed",
+            f"{path}: {first} poses, but {times_file.name} has {len(times)} times; give one for each pose",
             id="incompatible-inputs",
         )
     note_once(

@@ -290,7 +290,7 @@ def _sources(rows: CsvRows, options: PositionOptions) -> Strings:
         cells = rows.cells["sensor"]
         if options.sensor is not None and len(np.unique(cells)) > 1:
             raise UsageError(
-                f"{rows.path}: names several sources; give it without the name {options.sensor}=",
+                f"{rows.path}: its column sensor names several sources; give the file without {options.sensor}=",
                 id="conflicting-options",
             )
         if options.sensor is None:
@@ -376,8 +376,8 @@ def _timed(path: Path, rows: _Rows, options: PositionOptions) -> _Rows:
     if (rows.frame < 0).any():
         row = int(np.flatnonzero(rows.frame < 0)[0])
         raise InputError(
-            f"{path}: line {int(rows.line[row])}: frame {rows.frame[row] + options.first_number} is before the first "
-            f"number, {options.first_number}"
+            f"{path}: line {int(rows.line[row])}: frame {rows.frame[row] + options.first_number} is before "
+            f"{option('first_number')} {options.first_number}; give a smaller one"
         )
     t_ns = rows.t_ns.copy()
     for name in np.unique(rows.sensor).tolist():

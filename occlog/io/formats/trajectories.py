@@ -187,7 +187,8 @@ def _header(path: Path) -> list[str]:
     lines = list(islice(_lines(path), HEADER))
     if len(lines) < HEADER:
         raise InputError(
-            f"{path}: {len(lines)} lines; TRC has a header of {HEADER}; make it again", id="unknown-format"
+            f"{path}: {len(lines)} lines, but the header of TRC alone has {HEADER}; export it again",
+            id="unknown-format",
         )
     return lines
 
@@ -241,7 +242,7 @@ def _targets_of(path: Path, line: int, text: str, targets: list[str]) -> Iterato
             f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line", id="input-too-large"
         )
     if len(cells) > wanted and any(cells[wanted:]):
-        raise InputError(f"{path}: line {line}: {len(cells)} cells; {len(targets)} markers have {wanted}")
+        raise InputError(f"{path}: line {line}: {len(cells)} cells; lines of {len(targets)} markers have {wanted}")
     cells += [""] * (wanted - len(cells))
     for n, target in enumerate(targets):
         position = cells[2 + 3 * n : 5 + 3 * n]

@@ -99,7 +99,9 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
     """
     if sync_ns is None:
         raise UsageError(
-            f"{path}: counts synchronisation indices; give their times (timestamps.csv)", id="missing-times"
+            f"{path}: states sync_index, not times; give the file with their times ({option('timestamps')} "
+            "timestamps.csv)",
+            id="missing-times",
         )
     sync, corner, xyz = _read(path)
     names, column = np.unique(corner, return_inverse=True)
@@ -122,7 +124,8 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         middle, kept = grid[whole].mean(axis=1), times[whole]
     if not len(kept):
         raise InputError(
-            f"{path}: at no time are all corners of the board there, and fewer than 3 are there always",
+            f"{path}: the board's centre is undefined: at no time are all its corners there, and fewer than "
+            f"{MIN_CORNERS} are there at every time",
             id="insufficient-data",
         )
     missing = [int(s) for s in kept if int(s) not in sync_ns]
@@ -237,7 +240,10 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
             continue
         frame = _whole(element, "number", str(path)) - first_number
         if frame < 0:
-            raise InputError(f"{path}: frame {frame + first_number} is before the first number, {first_number}")
+            raise InputError(
+                f"{path}: frame {frame + first_number} is before the first number, {first_number}; give a smaller "
+                f"{option('first_number')}"
+            )
         if frame <= last:
             raise InputError(
                 f"{path}: frame {frame + first_number} does not come after the one before it; sort them",
@@ -369,7 +375,7 @@ class TruthOptions:
         first, *others = self.times.values()
         if not all(times.same_as(first) for times in others):
             raise UsageError(
-                f"{where}: counts frames, but the cameras' frames differ in time; give CAMERA={where}",
+                f"{where}: counts frames, which have other times in each camera; state its camera: CAMERA={where}",
                 id="missing-option",
             )
         return first
@@ -521,7 +527,9 @@ def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     if unit and unit != options.length_unit:
         if options.length_unit not in METRES:
             raise InputError(
-                f"{path}: lengths are in {unit}, which cannot be converted to {options.length_unit}", id="unit-mismatch"
+                f"{path}: lengths are in {unit}, which cannot be converted to {options.length_unit} of the scene; "
+                "convert them",
+                id="unit-mismatch",
             )
         scale = METRES[unit] / METRES[options.length_unit]
         parts = [p._replace(x=scale * p.x, y=scale * p.y, z=scale * p.z) for p in parts]

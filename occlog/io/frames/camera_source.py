@@ -91,7 +91,11 @@ class CameraSource:
         good = all(s is not None for s in stamps) and bool((np.diff([s or 0 for s in stamps]) > 0).all())
         if not good:
             if not self.decoder.rate_hz:
-                raise InputError(f"{self.path}: has neither time stamps nor a frame rate; give one", id="missing-times")
+                raise InputError(
+                    f"{self.path}: has neither time stamps nor a frame rate; give {option('fps')} or "
+                    f"{option('timestamps')}",
+                    id="missing-times",
+                )
             rate = as_rate(self.decoder.rate_hz)
             self.times = rate_times(rate, "stated by the file", self.times.start_ns).by(self.times.clock)
         for frame in chain(head, delivered):

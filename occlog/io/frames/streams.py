@@ -86,7 +86,7 @@ def video_times(
         with path.open("rb") as file:
             if file.read(len(STREAM_MARKS[0])).startswith(STREAM_MARKS):
                 raise InputError(
-                    f"{path}: its pictures are in no container, and have no times; give {option('fps')}",
+                    f"{path}: a raw stream without a container, so that frames have no times; give {option('fps')}",
                     id="missing-times",
                 )
         return FrameTimes(STAMPS, start_ns)
@@ -97,7 +97,8 @@ def video_times(
     if rate is None:
         if repeats:
             raise InputError(
-                f"{path}: the times of its frames repeat, and it states no frame rate; give one, or times",
+                f"{path}: times of its frames repeat, and it states no frame rate; give {option('fps')} or "
+                f"{option('timestamps')}",
                 id="unsorted-times",
             )
         return FrameTimes(STAMPS, start_ns)
@@ -143,20 +144,21 @@ def numbers_of(files: list[Path]) -> list[int]:
         found = last_number(file.stem)
         if found is None:
             raise InputError(
-                f"{file}: has no number in its name; number the images, or give time stamps", id="missing-times"
+                f"{file}: has no number in its name; number the images, or give {option('timestamps')}",
+                id="missing-times",
             )
         number = int(found) if len(found) < MAX_DIGITS else MAX_FRAMES
         if number >= MAX_FRAMES:
             raise InputError(
-                f"{file}: frame {found:.24}; it must be below {MAX_FRAMES}; a time in ms or us? Give time "
-                "stamps, or name the images by ns"
+                f"{file}: frame {found:.24}; it must be below {MAX_FRAMES}; if it is a time in ms or us, write ns, or "
+                f"give {option('timestamps')}"
             )
         numbers.append(number)
     for n in range(1, len(files)):
         if numbers[n] <= numbers[n - 1]:
             raise InputError(
                 f"{files[n]}: number {numbers[n]} does not come after {numbers[n - 1]} of {files[n - 1].name}; "
-                "rename the images, or give time stamps",
+                f"rename the images, or give {option('timestamps')}",
                 id="unsorted-times",
             )
     return numbers
@@ -247,7 +249,7 @@ def read_folders(
             out[name] = _numbered(name, folder, files, numbers[name], base, fps, start)
         elif start:
             raise UsageError(
-                f"{folder}: names of images are times since 1970; omit the start time", id="not-applicable"
+                f"{folder}: names of images are times since 1970; omit {option('start_time')}", id="not-applicable"
             )
         else:
             far = next((file for file in files if len(file.stem) > MAX_DIGITS or int(file.stem) > MAX_NS), None)
@@ -282,7 +284,9 @@ def _numbered(
             id="missing-times",
         )
     if numbers[0] < base:
-        raise InputError(f"{files[0]}: number {numbers[0]} is before the first number, {base}; give a smaller one")
+        raise InputError(
+            f"{files[0]}: number {numbers[0]} is before {option('first_number')} {base}; give a smaller one"
+        )
     frames = tuple((number - base, file) for number, file in zip(numbers, files, strict=True))
     return ImageFolder(folder, frames, rate_times(fps[name], f"given; {base} is frame 0", start))
 
@@ -290,5 +294,7 @@ def _numbered(
 def _rising(files: list[Path], table: Ints) -> Ints:
     back = np.flatnonzero(np.diff(table) <= 0)
     if len(back):
-        raise InputError(f"{files[int(back[0]) + 1]}: its time repeats or goes back; rename it", id="unsorted-times")
+        raise InputError(
+            f"{files[int(back[0]) + 1]}: the time in its name repeats or goes back; rename it", id="unsorted-times"
+        )
     return table

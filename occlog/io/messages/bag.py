@@ -110,7 +110,7 @@ class Bag:
                     where = self._packed.get(file.path, file.path)
                     raise InputError(
                         f"{where}: topic {topic.name} holds {topic.kind} ({topic.encoding}), but {old.kind} "
-                        f"({old.encoding}) before; ingest them one by one",
+                        f"({old.encoding}) in an earlier file; ingest the files one by one",
                         id="incompatible-inputs",
                     )
                 count = None if old.messages is None or topic.messages is None else old.messages + topic.messages
@@ -147,7 +147,7 @@ class Bag:
                     if unpacked > most:
                         raise InputError(
                             f"{self._packed.get(file.path, file.path)}: the compressed messages of a file of {size} "
-                            f"bytes unpack to more than {most} bytes, more than those of any recording",
+                            f"bytes unpack to more than {most} bytes; it is damaged or no recording",
                             id="input-too-large",
                         )
                     yield message._replace(data=data)
@@ -200,9 +200,8 @@ class Bag:
                     target.write(piece)
                     if target.tell() > limit:
                         raise InputError(
-                            f"{path}: unpacks to more than {MAX_GROWTH} times its size, more than any recording; "
-                            "unpack "
-                            "it with zstd -d if it is one",
+                            f"{path}: unpacks to more than {MAX_GROWTH} times its size; if it is a recording, unpack "
+                            "it first: zstd -d",
                             id="input-too-large",
                         )
             except zstandard.ZstdError as error:
@@ -337,7 +336,8 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
     names = information.get("relative_file_paths")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise InputError(
-            f"{described}: has no relative_file_paths; remove it to take all files of the folder", id="missing-value"
+            f"{described}: has no relative_file_paths; remove this file to read all bag files of its folder",
+            id="missing-value",
         )
     counts = information.get("topics_with_message_count")
     for entry in counts if isinstance(counts, list) else ():
@@ -376,7 +376,8 @@ def _information(path: Path) -> dict[str, object]:
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     if not isinstance(found, dict):
         raise InputError(
-            f"{path}: not metadata of a ROS 2 bag; remove it to take all files of the folder", id="unknown-format"
+            f"{path}: not metadata of a ROS 2 bag; remove this file to read all bag files of its folder",
+            id="unknown-format",
         )
     return found
 

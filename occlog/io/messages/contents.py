@@ -417,7 +417,7 @@ def _truth_on_earth(message: PoseMessage, t_ns: int, first: int) -> Truth:
     degrees, heights = message.positions[:, :2], message.positions[:, 2]
     known = has_heights()
     if known and not np.isfinite(heights).all():
-        raise InputError("a position without a height; leave the height out of the origin", id="missing-value")
+        raise InputError(f"a position without a height; leave the height out of {option('origin')}", id="missing-value")
     x, y, z = positions_on_earth(degrees, heights if known else None, "a position on the earth").T
     if np.isfinite(heights).all():
         note_unused_heights("positions on the earth")
@@ -455,14 +455,14 @@ class MessageBoxRows:
         self.labels.update(b.label for b in message.boxes)
         if not self.classes and len(self.labels) > 1:
             raise InputError(
-                f"boxes of classes {', '.join(map(repr, self.labels))}; choose the class that is requested",
+                f"boxes of classes {', '.join(map(repr, self.labels))}; choose one ({option('class')} NAME)",
                 id="ambiguous-input",
             )
         frame, self.frames = self.frames, self.frames + 1
         edges = np.array([b[:4] for b in kept], dtype=np.float64).reshape(-1, 4)
         score = np.array([b.score for b in kept], dtype=np.float64) / self.scale
         if not (np.isfinite(edges).all() and (edges[:, 2:] > 0).all()):
-            raise InputError(f"frame {frame}: a box without a size")
+            raise InputError(f"frame {frame}: width and height of a box must be above 0, and its edges finite")
         if ((score < 0) | (score > 1)).any():
             raise InputError(f"frame {frame}: a confidence of {score[(score < 0) | (score > 1)][0]:g}; expected 0 to 1")
         n = max(len(kept), 1)

@@ -417,7 +417,10 @@ def _foxglove(topic: BagTopic) -> Decode:
     try:
         module = importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2")
     except ImportError:
-        raise InputError(f"topic {topic.name}: type {topic.kind} is not known", id="unsupported-format") from None
+        raise InputError(
+            f"topic {topic.name}: {topic.kind} is no known type of Foxglove; leave the topic out",
+            id="unsupported-format",
+        ) from None
     message: Any = getattr(module, name)
     listed = name in LISTS
 

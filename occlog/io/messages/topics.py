@@ -124,7 +124,7 @@ def _kind_asked(topics: Mapping[str, BagTopic], name: str, topic: str) -> TopicK
     kind = kind_of(topics[topic].kind)
     if kind is None:
         raise UsageError(
-            f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be taken", id="unsupported-format"
+            f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be read", id="unsupported-format"
         )
     if kind not in (TopicKind.POSE, TopicKind.TRANSFORM) and safe_name(name) != name:
         raise UsageError(f"topic {topic}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")
@@ -250,7 +250,8 @@ def _named_by_path(topics: Sequence[str]) -> dict[str, str]:
         name = safe_name("_".join(parts).strip() or "odas")
         if name in out:
             raise InputError(
-                f"topics {out[name]} and {topic}: both hold directions of {name}; name the one that is to be taken",
+                f"topics {out[name]} and {topic}: both hold directions of {name}; name one: {option('topic')} "
+                f"{name}={topic}",
                 id="ambiguous-input",
             )
         out[name] = topic

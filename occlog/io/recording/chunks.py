@@ -221,8 +221,8 @@ class DecompressionCount:
             self._free -= max(_count(records, allowed + self._free + 1) - allowed, 0)
         if self._free < 0:
             raise InputError(
-                f"{self._path}: the chunks of a file of {self._size} bytes hold {FREE_RECORDS} records more than "
-                f"one for each {BYTES_PER_RECORD} packed bytes, more than those of any recording",
+                f"{self._path}: chunks with more records than {FREE_RECORDS} and one for each {BYTES_PER_RECORD} "
+                f"compressed bytes in a file of {self._size} bytes; it is damaged, copy it again",
                 id="input-too-large",
             )
 
@@ -232,8 +232,8 @@ class DecompressionCount:
         most = max_decompressed_bytes(self._size)
         if self._unpacked > most:
             raise InputError(
-                f"{self._path}: the chunks of a file of {self._size} bytes unpack to more than {most} bytes, as those "
-                "of no recording do",
+                f"{self._path}: the chunks of a file of {self._size} bytes unpack to more than {most} bytes; it is "
+                "damaged, copy it again",
                 id="input-too-large",
             )
 

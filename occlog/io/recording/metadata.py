@@ -134,11 +134,11 @@ def linked_path(recording: Path, sensor: str, location: str) -> Path:
     """
     where = f"{recording}: camera {sensor}"
     if Path(location).is_absolute():
-        raise InputError(f"{where}: links to {location}, which is no relative path; ingest it again")
+        raise InputError(f"{where}: links to its video by {location}, which must be a relative path; ingest it again")
     path = recording.parent / location
     check_input(path, f"the video of camera {sensor} that {recording} links to")
     if leaves_folder(recording, location) and not is_video_header(path):
         raise InputError(
-            f"{where}: links to {location}, which leads out of its folder and is no video; ingest it again"
+            f"{where}: links to {location}, outside of the recording's folder and no video; ingest it again"
         )
     return path

@@ -124,7 +124,7 @@ class RowCollector(Generic[T]):
         """
         if len(data) > MAX_MESSAGE_BYTES:
             raise InputError(
-                f"{self._source}: topic {topic}: a message of {len(data)} bytes; rows are read of messages of at most "
+                f"{self._source}: topic {topic}: a message of {len(data)} bytes; messages of rows have at most "
                 f"{MAX_MESSAGE_BYTES}",
                 id="input-too-large",
             )

@@ -94,7 +94,7 @@ def test_the_numbers_after_a_yolo_box_are_confidence_and_identity(
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({"1.txt": "0 512 300 40 90\n"}, r"1.txt: line 1: x is 512; .*shares of the image.*pixels"),
+        ({"1.txt": "0 512 300 40 90\n"}, r"1.txt: line 1: x is 512; .*fractions of the image size.*pixels"),
         ({"1.txt": "0 .5 .5 .1 1.0011\n"}, "height is 1.0011"),
         ({"a_7.txt": "0 .5 .5 .1 .1\n", "b_7.txt": "0 .5 .5 .1 .1\n"}, "b_7.txt: has frame number 7, as a_7.txt has"),
         ({"1.txt": "0 .5 .5 .1 .1 .9\n0 .5 .5 .1 .1 .9\n"}, "line 2: duplicate box; .*earlier run"),
@@ -106,7 +106,7 @@ def test_the_numbers_after_a_yolo_box_are_confidence_and_identity(
         ({"1.txt": "0 .5 .5 .1 .1 .9 3\n0 .6 .5 .1 .1 .8 3\n"}, "frame 1 .from 0.: identity 3 has two boxes"),
         ({"1.txt": "0 .5 .5 0 .1\n"}, "box of 0 x"),
         ({"1.txt": ".5 .5 .1 .1 .9\n"}, "line 1: class is '.5'"),
-        ({"readme.md": ""}, "holds no file of labels"),
+        ({"readme.md": ""}, "holds no YOLO labels"),
     ],
 )
 def test_half_right_yolo_folders_are_refused(tmp_path: Path, files: dict[str, str], message: str) -> None:
@@ -133,7 +133,7 @@ def test_yolo_text_with_columns_in_another_order_is_refused(tmp_path: Path, colu
     with pytest.raises(InputError) as error:
         read(BoxFile(yolo(tmp_path / "l", people_in_shares(columns)), "a"))
     assert error.value.id == "unsupported-format"
-    named = str(error.value).partition("columns are class, ")[2].partition(";")[0].split(", ")
+    named = str(error.value).partition("columns were class, ")[2].partition(";")[0].split(", ")
     assert "".join(name[0] for name in named).replace("c", "p") == columns.removesuffix("p")
 
 
@@ -144,7 +144,7 @@ def test_yolo_text_with_columns_in_order_is_read(tmp_path: Path, columns: str) -
 
 def test_yolo_text_needs_the_size_of_the_images(tmp_path: Path) -> None:
     folder = yolo(tmp_path / "l", {"1.txt": "0 .5 .5 .1 .1\n"})
-    with pytest.raises(UsageError, match="the image size of camera z is unknown"):
+    with pytest.raises(UsageError, match="the image size, which is unknown for camera z"):
         read(BoxFile(folder, "z"))
 
 
@@ -244,7 +244,7 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
     ("second", "expected"),
     [
         ({"file_name": "b/000001.jpg"}, "is of folder b, and the first image of camera cam1 of folder a"),
-        ({"file_name": "b/000002.jpg"}, "omit cam1=, so that each has its own"),
+        ({"file_name": "b/000002.jpg"}, "omit cam1=, so that each folder is a camera"),
         (
             {"file_name": "a/000002.jpg", "camera": "b"},
             "is of camera b, and the first image of camera cam1",
@@ -301,7 +301,7 @@ def test_coco_results_take_the_image_for_the_frame(tmp_path: Path) -> None:
         ({**COCO, "annotations": [{"image_id": 99, "bbox": [1, 2, 3, 4]}]}, "annotation 1: its image_id"),
         ({**COCO, "images": [*COCO["images"], {"id": 15, "file_name": "a/3.jpg"}]}, "image 5: is the same image or"),
         ({"images": [{"id": 1, "file_name": "x.jpg"}], "annotations": []}, "image 1: neither frame nor"),
-        ([{"frame": 0, "x1": 0.1, "y1": 0.1, "x2": 0.4, "y2": 0.9}] * 2, "seem to be shares"),
+        ([{"frame": 0, "x1": 0.1, "y1": 0.1, "x2": 0.4, "y2": 0.9}] * 2, "seem to be fractions of the image size"),
     ],
 )
 def test_half_right_json_is_refused(

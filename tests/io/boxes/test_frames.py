@@ -165,7 +165,7 @@ def test_a_range_of_a_camera_is_its_own_and_others_keep_theirs(tmp_path: Path) -
 def test_one_range_of_cameras_of_unequal_rate_is_refused(tmp_path: Path) -> None:
     left, right = table(tmp_path / "l.csv", list(range(200))), table(tmp_path / "r.csv", list(range(40)))
     survey = survey_boxes([BoxFile(left, "l"), BoxFile(right, "r")], (), BoxOptions(frames=FrameChoice((0, 200))))
-    with pytest.raises(UsageError, match=r"0:200: cameras of 10 \(l\) and 2 \(r\) frames a second.* l=0:200"):
+    with pytest.raises(UsageError, match=r"0:200: cameras have 10 \(l\) and 2 \(r\) frames per second.* l=0:200"):
         survey.frames({"l": at(10), "r": at(2)})
 
 
@@ -188,7 +188,7 @@ def test_times_of_one_camera_in_another_unit_than_its_column_states_are_refused(
     """The others had frames for as long as that, which took gigabytes."""
     files = [table(tmp_path / f"{c}.csv", list(range(100)), [0.1 * k for k in range(100)], "t_s") for c in "ab"]
     files.append(table(tmp_path / "c.csv", list(range(100)), [0.1 * factor * k for k in range(100)], "t_s"))
-    with pytest.raises(InputError, match=r"c\.csv: camera c: 1e?\+?0\d+ s from frame") as error:
+    with pytest.raises(InputError, match=r"c\.csv: camera c: frames are 1e?\+?0\d+ s apart") as error:
         survey_boxes([BoxFile(path, path.stem) for path in files], (), BoxOptions())
     assert error.value.id == "missing-unit"
 

@@ -127,7 +127,7 @@ def test_what_the_format_cannot_hold_is_refused(tmp_path: Path) -> None:
         write_mot(path, lone, "tracks")
     with pytest.raises(InputError, match="identity 0 has two boxes in frame 0"):
         write_mot(path, boxes.take(np.array([0, 0])), "tracks")
-    with pytest.raises(InputError, match="frame 11 after the last one, 9"):
+    with pytest.raises(InputError, match="frame 11, but the last frame of the sequence is 9"):
         write_sequence(tmp_path / "seq", TruthBoxes.of(**_values(boxes)), INFO._replace(frames=10))
     assert not path.exists()
     assert not (tmp_path / "seq").exists()

@@ -72,8 +72,8 @@ def test_binning_and_region_of_ros_scale_and_shift_the_pixels(
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"roi": {"x_offset": 1000, "width": 640}}, "are no part of 1280 x 720 px"),
-        ({"binning_x": -2}, "are no part of 1280 x 720 px"),
+        ({"roi": {"x_offset": 1000, "width": 640}}, "do not fit a sensor of 1280 x 720 px"),
+        ({"binning_x": -2}, "do not fit a sensor of 1280 x 720 px"),
         ({"binning_x": 2.5}, "binning_x '2.5'; a whole number was expected"),
         ({"roi": [1, 2]}, "x_offset, y_offset, width and height were expected"),
     ],

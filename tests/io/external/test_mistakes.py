@@ -43,9 +43,9 @@ def test_standard_deviations_may_be_called_so(tmp_path: Path, name: str) -> None
 @pytest.mark.parametrize(
     ("header", "row", "message"),
     [
-        ("time,id,x,x,y", "0,1,1,1,2", "columns 'x' and 'x' have one name"),
+        ("time,id,x,x,y", "0,1,1,1,2", "columns 'x' and 'x' are read as the same name"),
         ("id,x,x,y", "1,1,1,2", "two columns are called 'x'; remove or rename one"),
-        ("time,id,x_mm,y_m", "0,1,1000,2", "columns x_mm and y_m have several units"),
+        ("time,id,x_mm,y_m", "0,1,1000,2", "columns x_mm and y_m have different units"),
         ("id,x_mm,y_m", "1,1000,2", "positions are in m and mm; state all in one unit"),
         ("frame,id,x,y", "0,1,1,2", "column frame counts frames, and truth requires times"),
     ],
@@ -57,13 +57,13 @@ def test_a_table_with_another_fault_is_none_of_stations(tmp_path: Path, header: 
 
 
 def test_stations_in_place_of_bearings_are_a_scene(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a table of stations, not of what they measured; give it as the scene"):
+    with pytest.raises(InputError, match="holds the positions of stations, not their measurements"):
         open_input(text(tmp_path / "t.csv", "name,x,y", "a,0,0"))
 
 
 def test_a_table_of_another_kind_says_what_it_holds(tmp_path: Path) -> None:
     opened = open_input(text(tmp_path / "t.csv", "time,id,x,y", "0,1,0,0"))
-    with pytest.raises(InputError, match="as it is, it holds tracks"):
+    with pytest.raises(InputError, match="with its present columns it is read as tracks"):
         opened.require(Bearings, Doa)
 
 
@@ -149,7 +149,7 @@ def test_times_in_decimals_are_exact(tmp_path: Path, name: str, digits: int) -> 
 def test_columns_of_one_name_in_other_letters_are_refused(tmp_path: Path) -> None:
     """The first one counted."""
     path = parquet(tmp_path, t_ns=pa.array([0]), x=pa.array([1.0]), X=pa.array([5.0]), y=pa.array([1.0]))
-    with pytest.raises(InputError, match="columns 'x' and 'X' have one name; keep one"):
+    with pytest.raises(InputError, match="columns 'x' and 'X' are read as the same name; keep one"):
         open_input(path).read(Truth)
 
 

@@ -70,7 +70,7 @@ def test_lengths_are_in_one_unit() -> None:
     assert lay_out(("t", "x_cm", "y_cm"), Truth).length_unit == "cm"
     assert lay_out(("t", "x", "y"), Truth).length_unit is None
     for names in (("t", "x_cm", "y_m"), ("t", "x_cm", "y")):
-        with pytest.raises(InputError, match="have several units; give all lengths one"):
+        with pytest.raises(InputError, match="have different units; use one unit for all lengths"):
             lay_out(names, Truth)
 
 

@@ -226,9 +226,9 @@ def rewrite(path: Path, change) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda t: t.drop_columns(["sigma"]), "column sigma is missing"),
+        (lambda t: t.drop_columns(["sigma"]), "column sigma of bearings is missing"),
         (lambda t: t.set_column(0, "t_ns", t["t_ns"].cast(pa.float64(), safe=False)), "t_ns is double, expected int64"),
-        (lambda t: t.set_column(4, "bearing", pa.array([None] * len(t), pa.float64())), "missing values"),
+        (lambda t: t.set_column(4, "bearing", pa.array([None] * len(t), pa.float64())), "nulls, which are not allowed"),
         (lambda t: t.set_column(4, "bearing", pa.array([7.0] * len(t))), "must be in"),
         (lambda t: t.take(list(range(len(t)))[::-1]), "t_ns goes back"),
     ],

@@ -127,6 +127,6 @@ def test_folders_of_tables_state_what_to_write(tmp_path: Path, inside: str, word
 
 def test_columns_for_each_target_are_named(tmp_path: Path) -> None:
     (tmp_path / "wide.csv").write_text("time,x1,y1,x2,y2,x3,y3\n0,1,2,3,4,5,6\n")
-    with pytest.raises(InputError, match="a row for each") as caught:
+    with pytest.raises(InputError, match="has separate columns for each target") as caught:
         open_input(tmp_path / "wide.csv")
     assert caught.value.id == "unknown-format"

@@ -231,7 +231,7 @@ def of(groups: int, **reported: int) -> bytes:
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (of(2, rows=3), "3 rows, in groups of 2"),
+        (of(2, rows=3), "3 rows, but row groups with 2 rows in all"),
         (of(2, each=-1), "without its sizes"),
         (of(2, unpacked=-1), "without its sizes"),
         (of(2, longer=99), "longer than the file"),

@@ -111,7 +111,7 @@ def test_one_file_for_several_cameras(tmp_path: Path) -> None:
         ("1,2,3\n", "3 columns without a header"),
         ("time,t_ns\n1,2\n", "two columns of times"),
         ("frame\n0\n", "no column of times"),
-        ("camera,time\ncam7,1\n", "contains 'cam7'"),
+        ("camera,time\ncam7,1\n", "column camera has 'cam7'"),
         ("", "is empty"),
         ("#\n", "no line with data"),
     ],

@@ -67,7 +67,7 @@ def test_faults_of_folders(tmp_path: Path) -> None:
     path = folder(tmp_path, "c", "1.png")
     with pytest.raises(UsageError, match="give the frame rate"):
         read_folders({"c": path}, {}, {}, {})
-    with pytest.raises(InputError, match="is before the first number, 5"):
+    with pytest.raises(InputError, match="is before --first-number 5"):
         read_folders({"a": path}, {}, RATE, {}, 5)
 
 

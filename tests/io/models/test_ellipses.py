@@ -120,7 +120,7 @@ def test_of_true_boxes_the_first_half_visible_one_with_its_centre_inside_is_take
 def test_boxes_want_identities(tmp_path):
     path = tmp_path / "b.parquet"
     write_table(path, boxes(Boxes, (-1, -1, -1)), MADE)
-    with pytest.raises(InputError, match="its boxes have no identity; give them as detections"):
+    with pytest.raises(InputError, match="its boxes have no identities"):
         read_ellipses(path, SIZES, CAMERAS)
     write_table(path, boxes(Boxes, (-1, 3, 3)), MADE, overwrite=True)
     (first,) = read_ellipses(path, SIZES, CAMERAS)

@@ -142,7 +142,7 @@ def test_written_scenes_mean_the_same() -> None:
 def test_what_is_wrong_is_named(old: str, new: str, message: str) -> None:
     if not message:
         matrix = "rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 2]]"
-        old, new, message = "yaw_deg: 45,", matrix + ",", "camera a: rotation is not a rotation matrix"
+        old, new, message = "yaw_deg: 45,", matrix + ",", "camera a: rotation is not orthonormal"
     assert old in GOOD
     with pytest.raises(InputError) as caught:
         scene_from_yaml(GOOD.replace(old, new, 1), "s.yaml")

@@ -51,7 +51,7 @@ def test_positions_by_frame_take_the_times_of_the_frames(tmp_path: Path) -> None
 def test_frames_of_cameras_that_differ_in_time_are_not_guessed(tmp_path: Path) -> None:
     path = write(tmp_path, "frame,x,y\n0,1,2\n")
     other = rate_times(Fraction(10), "given", 5)
-    with pytest.raises(UsageError, match="the cameras' frames differ in time"):
+    with pytest.raises(UsageError, match="counts frames, which have other times in each camera"):
         read(path, TruthOptions(cameras=("a", "b"), times={"a": RATE, "b": other}))
     truth, _ = read(path, TruthOptions(camera="b", cameras=("a", "b"), times={"a": RATE, "b": other}))
     assert truth.t_ns.tolist() == [5]
@@ -159,7 +159,7 @@ def test_corners_that_come_and_go_do_not_move_the_board(tmp_path: Path) -> None:
     assert truth.x.tolist() == [2.0] * 4
     with pytest.raises(InputError, match="sync_index 3 has no time"):
         read_board(path, {s: s for s in range(3)})
-    with pytest.raises(UsageError, match=r"give their times \(timestamps\.csv\)"):
+    with pytest.raises(UsageError, match=r"states sync_index, not times"):
         read_board(path, None)
 
 

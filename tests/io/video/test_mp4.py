@@ -137,7 +137,7 @@ def test_a_table_of_times_that_is_too_short_is_reported(tmp_path: Path) -> None:
 
 def test_times_that_repeat_need_a_frame_rate(tmp_path: Path) -> None:
     parsed(tmp_path, movie(samples(duration=0)))
-    with pytest.raises(InputError, match="repeat, and it states no frame rate; give one"):
+    with pytest.raises(InputError, match="repeat, and it states no frame rate; give"):
         video_times(tmp_path / "v.mp4")
     assert video_times(tmp_path / "v.mp4", fps=Fraction(5)).rate == 5
 

@@ -526,7 +526,7 @@ def test_two_commands_do_not_mix_their_stages_in_one_folder(
     monkeypatch.setattr(stages_in_order, "PATIENCE", 0.0)
     with alone_with(out, "run"):
         assert run(["run", str(config), "-o", str(out)]) == ExitCode.USAGE
-    line = f"occlog: error: {out}: another `occlog run` works with it; wait, or name another one\n"
+    line = f"occlog: error: {out}: is in use by another `occlog run`; wait until it ends, or name another one\n"
     assert capsys.readouterr().err == line
     assert list(out.iterdir()) == []
 

@@ -195,7 +195,7 @@ def test_coco_of_scaled_images(folder: Path, start: Start) -> None:  # 5
     make.truth_csv(folder / "gt.csv")
     code, output = start(*FPS)
     assert code == ExitCode.DONE, output
-    assert "camera a: frames of 320 x 240 px, calibrated for 640 x 480: taken for scaled by 0.5" in output
+    assert "camera a: frames of 320 x 240 px, calibrated for 640 x 480: assumed to be scaled by 0.5" in output
     assert "calib/c.yaml, not old.yaml: it has 3 of 3 cameras, the other 0  [--as old.yaml=calibration]" in output
     all_found(folder)
     # Homographies of the ground in the place of the calibrations: the size of the images is that of COCO

@@ -183,7 +183,7 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
         values = values.combine_chunks()
     if values.null_count:
         raise InputError(
-            f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)",
+            f"column {c.name}: {values.null_count} nulls, which are not allowed; write NaN for an unknown number",
             id="missing-value",
         )
     if c.width == ANY_WIDTH:
@@ -216,7 +216,8 @@ def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
         raise InputError(f"column {c.name}: {fault}", id="damaged-file")
     if len(values) * length > max(MAX_NUMBERS, 2 * len(numbers)):
         raise InputError(
-            f"column {c.name}: a list of {length} numbers among {len(values)} rows, most without any",
+            f"column {c.name}: a list of {length} numbers among {len(values)} rows, most of which have none and take "
+            "as much memory; give more rows a list",
             id="input-too-large",
         )
     out = np.full((len(values), length), np.nan, dtype=c.dtype)
@@ -253,14 +254,15 @@ def check_schema(path: Path, schema: pa.Schema, table: type[ColumnTable]) -> Non
             if c.optional:  # a file of an older version
                 continue
             raise InputError(
-                f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}", id="missing-column"
+                f"{path}: column {c.name} of {table.NAME} is missing; the file has {', '.join(schema.names)}",
+                id="missing-column",
             )
         have, kind = schema.field(c.name).type, _ARROW[c.kind]
         if c.width == ANY_WIDTH:
             if not (pa.types.is_list(have) and have.value_type == kind):
-                raise InputError(f"{path}: column {c.name} is {have}, expected lists of {kind}")
+                raise InputError(f"{path}: column {c.name} is {have}, expected lists of {kind}; convert it")
             continue
         kind = pa.list_(kind, c.width) if c.width else kind
         texts = have.value_type if pa.types.is_dictionary(have) else have
         if have != kind and not (c.kind == "U" and (pa.types.is_string(texts) or pa.types.is_large_string(texts))):
-            raise InputError(f"{path}: column {c.name} is {have}, expected {kind}")
+            raise InputError(f"{path}: column {c.name} is {have}, expected {kind}; convert it")

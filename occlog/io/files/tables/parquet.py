@@ -171,14 +171,12 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
             texts += sum(getattr(chunk, c.name).nbytes for c in table.columns() if c.kind == "U")
             if texts > most:
                 raise InputError(
-                    f"{path}: texts of more than {most} bytes in a file of {size}, since every row takes "
-                    "as much as the longest; shorten it",
+                    f"{path}: texts need more than {most} bytes in a file of {size}, since every row takes as much as "
+                    "the longest; shorten the longest",
                     id="input-too-large",
                 )
             if last is not None and chunk.t_ns[0] < last.t_ns[-1]:  # type: ignore[attr-defined]
-                raise InputError(
-                    f"{path}: t_ns goes back between two chunks; sort the table by t_ns", id="unsorted-times"
-                )
+                raise InputError(f"{path}: t_ns goes back; sort the table by t_ns", id="unsorted-times")
             if whole:
                 check_copies(chunk)
                 held = _check_beside(held, chunk)

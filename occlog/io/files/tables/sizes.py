@@ -233,7 +233,7 @@ def _groups(footer: bytes, size: int) -> list[RowGroupSizes] | None:
         else:
             reader.skip(kind)
     if rows != sum(group.rows for group in groups):
-        raise MalformedError(f"{rows} rows, in groups of {sum(group.rows for group in groups)}")
+        raise MalformedError(f"{rows} rows, but row groups with {sum(group.rows for group in groups)} rows in all")
     return groups
 
 
@@ -245,7 +245,7 @@ def _group(reader: CompactReader, most: int) -> RowGroupSizes:
     for number, kind in reader.fields():
         if number == COLUMNS:
             if len(columns := reader.items(kind, STRUCT)) > most:
-                raise MalformedError("groups of rows with more columns than a file of its size can have")
+                raise MalformedError("row groups with more columns than a file of its size can have")
             chunks = [_chunk(reader) for _ in columns]
         elif number == GROUP_BYTES:
             unpacked = reader.integer(kind)
@@ -383,7 +383,7 @@ class SizedFile(pq.ParquetFile):  # type: ignore[misc]  # the library has no typ
                 if before + unpacked > most:
                     raise InputError(
                         f"{self._path}: column {column} unpacks to more than {most} bytes in a file of {self._size} "
-                        "bytes; measurements do not pack so densely",
+                        "bytes, more than measurements can; make it again",
                         id="input-too-large",
                     )
         self._checked.add((wanted, number))

@@ -51,7 +51,7 @@ class NamedReader:
         if not self.used:
             raise UsageError(
                 f"{option('reader')} {self.chosen.plugin.name}: no input has a name that ends in "
-                f"{' or '.join(self.endings)}; outputs were made without it",
+                f"{' or '.join(self.endings)}; outputs were made without this reader",
                 id="unknown-format",
             )
 
@@ -97,7 +97,8 @@ def reader_of(path: Path) -> Chosen | None:
             found.append(plugin)
     if len(found) > 1:
         raise UsageError(
-            f"{path}: readers {' and '.join(p.name for p in found)} both read such files; name one (reader)",
+            f"{path}: readers {' and '.join(p.name for p in found)} both read such files; name one of them "
+            f"({option('reader')})",
             id="ambiguous-input",
         )
     return Chosen(found[0], {}) if found else None

@@ -24,7 +24,7 @@ from typing import TextIO
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.limits import UTF16_MARKS, check_input
 from occlog.io.files.texts.by_reader import text_of
 
@@ -261,8 +261,8 @@ def check_one_sensor(rows: CsvRows, column: str, given: str, label: str) -> None
         other = str(rows.cells[column][row])
         raise rows.fail(
             row,
-            f"is of {column} {other!r}, rows before of {label!r}, and the file is given as that of {given}; omit "
-            f"{given}=, so that each has its own",
+            f"{column} is {other!r}, but {label!r} in rows before, and the file is given as that of {given}; omit "
+            f"{given}= to read several",
         )
 
 
@@ -272,7 +272,7 @@ def read_rows(
     what: str,
     *,
     ignored: Sequence[str] = (),
-    ignore_extra: bool = False,
+    ignore_extra: bool | None = None,
     commented: bool = False,
     rows: int = ROWS_PER_CHUNK,
 ) -> Generator[CsvRows, None, None]:
@@ -286,7 +286,7 @@ def read_rows(
         columns: names that files may have, by the name of the column.
         what: what the file should be, for messages.
         ignored: names of columns that may be there and are not used.
-        ignore_extra: skip unknown columns instead of refusing them.
+        ignore_extra: skip unknown columns instead of refusing them; None: refuse them, and suggest no option to skip.
         commented: the first line, which begins with `#`, names the columns; see `commented_header`.
         rows: number of rows in a chunk.
 
@@ -411,8 +411,8 @@ def text_lines(path: Path, file: TextIO) -> Iterator[tuple[int, str]]:
             )
         if number > most:
             raise InputError(
-                f"{path}: line {number}: more lines than measurements in {packed} packed bytes have; unpack the file "
-                "if it is right",
+                f"{path}: more than {most:.0f} lines, too many for {packed} compressed bytes; if the file is right, "
+                "decompress it first",
                 id="input-too-large",
             )
         yield number, line
@@ -503,7 +503,7 @@ def _resolve(
     header: list[str],
     columns: Mapping[str, Sequence[str]],
     ignored: Sequence[str],
-    ignore_extra: bool,
+    ignore_extra: bool | None,
 ) -> list[str | None]:
     """Name in occlog of each column of a file; None for columns that are not used.
 
@@ -513,7 +513,7 @@ def _resolve(
         header: its cells.
         columns: accepted names, by the name in occlog.
         ignored: names of columns that are not used.
-        ignore_extra: unknown columns are not used; else an error.
+        ignore_extra: unknown columns are not used; else an error, which suggests no option to skip them if None.
 
     Raises:
         InputError: a column is unknown or repeated.
@@ -526,9 +526,9 @@ def _resolve(
             near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
             known = ", ".join(aliases[0] for aliases in columns.values())
             hint = f"did you mean {near[0]!r}? " if near else ""
+            skip = "" if ignore_extra is None else f", or skip unknown columns ({option('ignore_extra_columns')})"
             raise InputError(
-                f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; "
-                "rename it, or ignore extra columns",
+                f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; rename or remove it{skip}",
                 id="unknown-column",
             )
         if name is not None and name in names:

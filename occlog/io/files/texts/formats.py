@@ -168,18 +168,18 @@ class TextPart:
         return parse_times(self.rows, unit, unit)
 
 
-def read_format(path: Path, table: TextFormat, *, ignore_extra: bool = False) -> Iterator[TextPart]:
+def read_format(path: Path, table: TextFormat, *, ignore_extra: bool | None = None) -> Iterator[TextPart]:
     """Yield chunks of a text table of a declared format, in file order.
 
     Args:
         path: the file.
         table: its format.
-        ignore_extra: skip unknown columns instead of refusing them.
+        ignore_extra: skip unknown columns instead of refusing them; None: refuse them, and suggest no option to skip.
 
     Raises:
         InputError: a column is missing or unknown, or a value is invalid; with file, line, value and limit.
     """
-    extra = ignore_extra or table.others
+    extra = True if table.others else ignore_extra
     for rows in read_rows(path, table.names, table.what, ignored=table.ignored, ignore_extra=extra):
         missing = [name for name, c in table.columns.items() if c.default is None and not rows.has(name)]
         if missing:

@@ -75,7 +75,8 @@ class BoundedLoader(_SafeLoader):
 
 def _too_many(where: Path | str) -> InputError:
     return InputError(
-        f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly", id="input-too-large"
+        f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it without aliases",
+        id="input-too-large",
     )
 
 

@@ -67,7 +67,7 @@ class FrameTimes:
             if bad.any():
                 raise InputError(
                     f"frame {int(frames[bad][0])} has no time: {self.source} gives times for frames "
-                    f"0 to {len(self.table_ns) - 1}",
+                    f"0 to {len(self.table_ns) - 1}; add its time",
                     id="missing-times",
                 )
             return self.world(self.start_ns + self.table_ns[frames])
@@ -142,7 +142,8 @@ def frames_to_ns(frames: Ints, rate: Fraction) -> Ints:
     frames = np.asarray(frames, dtype=np.int64)
     if len(frames) and float(np.abs(frames).max()) > MAX_SECONDS * float(rate):
         raise InputError(
-            f"frame {int(frames[np.abs(frames).argmax()])}: its time at {float(rate):g} fps is out of range",
+            f"frame {int(frames[np.abs(frames).argmax()])}: its time at {float(rate):g} fps is out of range "
+            "(285 years); correct its number",
             id="time-out-of-range",
         )
     # Whole seconds and the rest apart: the product of frame number and 1e9 may leave 64 bits.

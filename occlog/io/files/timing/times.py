@@ -105,14 +105,17 @@ def parse_time(text: str, unit: str = "s") -> int:
     if not value.is_finite():
         raise InputError(f"time {text!r}: {_fault(text.strip())}")
     if value.adjusted() > 30:  # before any arithmetic, which could overflow
-        raise InputError(f"time {text!r}: out of range", id="time-out-of-range")
+        raise InputError(f"time {text!r}: out of range; times from 1824 to 2115 can be held", id="time-out-of-range")
     if unit == "s" and abs(value) > LATEST_S:
         raise InputError(
             f"time {text!r}: too large for seconds; name the column t_ms, t_us or t_ns", id="time-out-of-range"
         )
     ns = int((value * UNITS[unit]).to_integral_value())
     if abs(ns) > MAX_NS:
-        raise InputError(f"time {text!r}: out of range for {unit}", id=OUT_OF_RANGE)
+        raise InputError(
+            f"time {text!r}: out of range for {unit}; times from 1824 to 2115 can be held; check the unit",
+            id=OUT_OF_RANGE,
+        )
     step = last_place(text) * UNITS[unit]
     if step > COARSEST_NS:
         raise InputError(f"time {text!r}: {coarse(step)}; write all digits, or t_ns in whole numbers")
@@ -186,7 +189,7 @@ def column_unit(values: Floats, unit: str, fail: Callable[[int, str], InputError
     least, most = (int(np.argmin(np.where(sizes > 0.0, sizes, np.inf))), int(np.argmax(sizes)))
     if unit_by_size(float(sizes[least])) != found:
         several = f"times {values[least]:.15g} and {values[most]:.15g} are in several units"
-        raise fail(least, f"{several}; give all one, in a column t_s, t_ms, t_us or t_ns")
+        raise fail(least, f"{several}; write all in one, in a column t_s, t_ms, t_us or t_ns")
     return found
 
 
@@ -221,7 +224,7 @@ def parse_column(texts: Sequence[str], unit: str, fail: Callable[[int, str], Inp
         iso = _ISO.match(text.strip())
         if iso is not None:
             if zoned not in (None, iso[4] is not None):
-                raise fail(row, f"time {text!r}: of one column some have a time zone and some do not; give all one")
+                raise fail(row, f"time {text!r}: some times of the column have a time zone, some do not; give all one")
             zoned = iso[4] is not None
         try:
             out[row] = parse_time(text, unit)
@@ -289,7 +292,7 @@ def check_unit(rows: CsvRows, interval_s: Floats) -> None:
     column = next((f"column {name}" for name in UNITLESS if named and name in head), "times without a header")
     raise InputError(
         f"{rows.path}: {column}: {usual:g} s from frame to frame if these are seconds; name the column after its unit: "
-        "t_ms, t_us or t_ns, or t_s if they are",
+        "t_ms, t_us or t_ns, or t_s for seconds",
         id="missing-unit",
     )
 
@@ -387,7 +390,8 @@ def _by_camera(rows: CsvRows, unit: str, cameras: Sequence[str]) -> dict[str, In
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
         raise InputError(
-            f"{rows.path}: contains {str(given[0])!r}, but none of {', '.join(cameras)}", id="missing-column"
+            f"{rows.path}: column camera has {str(given[0])!r}, but none of {', '.join(cameras)}; use these names",
+            id="missing-column",
         )
     return out
 

@@ -330,7 +330,7 @@ def camera_folders(path: Path) -> dict[str | None, Path]:
         for folder in (path, *(path / name for name in found)):
             refuse_unread(folder)
         raise InputError(
-            f"{path}: holds no file of labels (NAME_12.txt or 000012.txt, one a frame); name their folder",
+            f"{path}: holds no YOLO labels (one text for each frame, NAME_12.txt or 000012.txt); name their folder",
             id="unknown-format",
         )
     return {name: cameras[name] for name in natural_sorted(str(n) for n in cameras)}
@@ -385,7 +385,7 @@ def open_folder(path: Path, wanted: BoxReadOptions) -> BoxSource:
     if camera is not None and None not in folders:
         names = ", ".join(str(name) for name in folders)
         raise InputError(
-            f"{path}: holds the labels of several cameras ({names}); give it without a camera", id="ambiguous-input"
+            f"{path}: holds the labels of several cameras ({names}); give it without {camera}=", id="ambiguous-input"
         )
     numbers = {name: _numbered(folder) for name, folder in folders.items()}
     listed = {str(name or ""): np.array(list(files), dtype=np.int64) for name, files in numbers.items()}
@@ -404,8 +404,8 @@ def _numbered(folder: Path) -> dict[int, Path]:
         number = int(last_number(file.stem) or 0)
         if number in found:
             raise InputError(
-                f"{file}: has frame number {number}, as {found[number].name} has; keep the files of one recording "
-                "in a folder",
+                f"{file}: has frame number {number}, as {found[number].name} has; put each recording into its own "
+                "folder",
                 id="duplicate-row",
             )
         found[number] = file
@@ -453,7 +453,7 @@ def _check_order(folder: Path, lines: list[Line]) -> None:
     best = max(shares, key=shares.__getitem__)
     if shares[best] >= INSIDE_OF_OTHERS:
         raise InputError(
-            f"{folder}: {now:.0%} of boxes are inside the image, and {shares[best]:.0%} if columns are "
+            f"{folder}: {now:.0%} of boxes are inside the image, but {shares[best]:.0%} would be if columns were "
             f"class, {', '.join(best)}; write class, {', '.join(CENTRE)}, confidence",
             id="unsupported-format",
         )
@@ -550,7 +550,8 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
     if 7 in counts:
         if 5 in counts:
             raise InputError(
-                f"{folder}: has lines of 5 and of 7 numbers; write all in one way", id="incompatible-inputs"
+                f"{folder}: has lines of 5 and of 7 numbers; write confidence and identity in all lines, or in none",
+                id="incompatible-inputs",
             )
         return ("confidence",)
     last = [numbers[5] for *_, numbers in lines if len(numbers) == 6]
@@ -558,7 +559,8 @@ def _tail(folder: Path, lines: list[Line]) -> tuple[str, ...]:
         return ("id",)
     if last and 5 in counts:
         raise InputError(
-            f"{folder}: has lines with and without a confidence; write all in one way", id="incompatible-inputs"
+            f"{folder}: has lines with and without a confidence; write it in all lines, or in none",
+            id="incompatible-inputs",
         )
     return ("confidence",)
 
@@ -586,6 +588,6 @@ def _check_shares(rows: CsvRows) -> None:
             row = int(bad[0])
             raise rows.fail(
                 row,
-                f"{name.removeprefix('share_')} is {values[row]:g}; YOLO text counts in shares of the image, 0 to 1; "
-                "pixels belong into a CSV (frame,left,top,width,height)",
+                f"{name.removeprefix('share_')} is {values[row]:g}; YOLO text has fractions of the image size, 0 to 1; "
+                "write pixels to a CSV (frame,left,top,width,height)",
             )

@@ -31,7 +31,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Ints
-from occlog.errors import InputError, OutputError, OutputExistsError
+from occlog.errors import InputError, OutputError, OutputExistsError, option
 from occlog.io.files.atomic import folder_beside, translate_write_errors, write_bytes
 from occlog.io.files.texts.csv_rows import CsvRows, read_plain
 from occlog.records.tables import UNLABELLED, Boxes, TruthBoxes
@@ -123,7 +123,7 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
     """
     last = int(truth.frame.max()) if len(truth) else -1
     if last >= info.frames:
-        raise InputError(f"{folder}: frame {last} after the last one, {info.frames - 1}; give the length of the video")
+        raise InputError(f"{folder}: a box in frame {last}, but the last frame of the sequence is {info.frames - 1}")
     with translate_write_errors(folder):
         (folder / "gt").mkdir(parents=True, exist_ok=True)
     write_mot(folder / "gt" / "gt.txt", truth, "truth", overwrite=overwrite)
@@ -291,7 +291,7 @@ def _marks(rows: CsvRows) -> Marks:
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
             row,
-            f"class {kind[row]} outside 1 to {CLASSES}; correct it, or state that the truth has no classes (benchmark "
-            "mot15)",
+            f"class {kind[row]} outside 1 to {CLASSES}; correct it, or give {option('benchmark')} mot15 for truth "
+            "without classes",
         )
     return Marks(rows.ints("0") - 1, rows.ints("1"), rows.floats("6") != 0, kind)

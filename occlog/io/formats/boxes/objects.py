@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.names import last_number
 from occlog.io.files.texts.csv_rows import CsvRows
 from occlog.io.files.texts.documents import check_number, parse_json
@@ -192,7 +192,9 @@ def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequenc
             near = get_close_matches(name, list(MEANING), n=1, cutoff=0.5)
             hint = f"did you mean {near[0]!r}? " if near else ""
             raise InputError(
-                f"{path}: entry {n}: unknown key {key!r}; {hint}rename it, or ignore extra columns", id="unknown-column"
+                f"{path}: entry {n}: unknown key {key!r}; {hint}rename it, or skip unknown keys "
+                f"({option('ignore_extra_columns')})",
+                id="unknown-column",
             )
     return out
 
@@ -326,15 +328,15 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
     number = str(image[key] + 0) if key else found.lstrip("0") or "0" if found else "0"
     if len(number) > len(str(MAX_FRAMES)) or not 0 <= int(number) < MAX_FRAMES:
         raise InputError(
-            f"{path}: image {n}: frame {number:.24}; it must be 0 or more, and below {MAX_FRAMES}; a time? Give each "
-            "image its number as frame"
+            f"{path}: image {n}: frame {number:.24}; it must be 0 or more, and below {MAX_FRAMES}; if it is a time, "
+            "give each image a key frame with its number"
         )
     out = {"frame": number}
     if camera is None:
         out["camera"] = _camera_of(image)
         if not out["camera"]:
             raise InputError(
-                f"{path}: image {n}: {name!r} names no camera (CAMERA/{name}); give CAMERA={path.name}",
+                f"{path}: image {n}: file_name {name!r} has no folder named after its camera; give CAMERA={path.name}",
                 id="camera-not-named",
             )
     return out
@@ -372,7 +374,7 @@ def _check_origin(path: Path, n: int, image: Record, camera: str | None, first: 
     owner = f"camera {camera or _camera_of(image)}"
     raise InputError(
         f"{path}: image {n}: is of {_origin(image)}, and the first image of {owner} of {first}; "
-        + (f"omit {camera}=, so that each has its own, or " if camera is not None else "")
+        + (f"omit {camera}=, so that each folder is a camera, or " if camera is not None else "")
         + "give every image a key camera",
         id="image-size-mismatch",
     )

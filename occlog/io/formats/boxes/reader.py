@@ -99,7 +99,8 @@ def note_times(
             if found.setdefault(frame, t) != t:
                 raise rows.fail(
                     row,
-                    f"frame {frame} of camera {name} has two times ({time_words(found[frame])} and {time_words(t)})",
+                    f"frame {frame} of camera {name} has two times ({time_words(found[frame])} and {time_words(t)}); "
+                    "give one",
                 )
 
 
@@ -117,20 +118,21 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
             range.
     """
     if not found:
-        raise InputError(f"{where}: no frame of a camera has a time; give the frame rate", id="missing-times")
+        raise InputError(f"{where}: no frame has a time; give the frame rate ({option('fps')})", id="missing-times")
     frames = np.array(sorted(found), dtype=np.int64)
     t_ns = np.array([found[int(f)] for f in frames], dtype=np.int64)
     if (np.diff(t_ns) <= 0).any():
         k = int(np.flatnonzero(np.diff(t_ns) <= 0)[0])
         raise InputError(
             f"{where}: frame {frames[k + 1]} has time {time_words(t_ns[k + 1])}, not after the "
-            f"{time_words(t_ns[k])} of frame {frames[k]}",
+            f"{time_words(t_ns[k])} of frame {frames[k]}; correct the times",
             id="unsorted-times",
         )
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:
         raise InputError(
-            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate",
+            f"{where}: only frame {frames[0]} has a time, which does not determine the others; give the frame rate "
+            f"({option('fps')})",
             id="missing-times",
         )
     wanted = np.arange(stop)
@@ -141,7 +143,8 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
     relative[after] = float(t_ns[-1] - t_ns[0]) + (wanted[after] - frames[-1]) * step
     if np.abs(relative).max(initial=0.0) > MAX_NS:
         raise InputError(
-            f"{where}: {step / NS:g} s from one frame to the next lead to times that are out of range",
+            f"{where}: frames {step / NS:g} s apart lead to times that are out of range (1824 to 2115); check the unit "
+            "of times",
             id="time-out-of-range",
         )
     table = np.round(relative).astype(np.int64) + t_ns[0]
@@ -311,9 +314,8 @@ class BoxSurvey:
             first, stop = self.given.common
             rates = " and ".join(f"{NS / known[name]:.3g} ({name})" for name in (fast, slow))
             raise UsageError(
-                f"{option('frames')} {first}:{stop}: cameras of {rates} frames a second, for which these differ "
-                "in time; "
-                f"give each its own: {fast}={first}:{stop}",
+                f"{option('frames')} {first}:{stop}: cameras have {rates} frames per second, so these differ in "
+                f"time; give each camera its own range: {fast}={first}:{stop}",
                 id="ambiguous-input",
             )
 
@@ -361,15 +363,16 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
     spans = [each for each in found.frames.values() if each.count]
     if not spans and not options.frames:
         raise InputError(
-            f"{where}: no row with a box; if nothing was detected in all frames, give the range of frames",
+            f"{where}: no row with a box; if all frames are without a detection, state their range "
+            f"({option('frames')} A:B)",
             id="empty-input",
         )
     for name, farthest in found.farthest.items():
         if farthest <= NORMALISED_PX and found.boxes[name] > 1:
             path = next(file for file, own in zip(found.files, found.of_files, strict=True) if name in own)
             raise InputError(
-                f"{path}: camera {name}: no box reaches beyond {farthest:.3g} px; these seem to be shares of the "
-                "image: write pixels",
+                f"{path}: camera {name}: no box reaches beyond {farthest:.3g} px; these seem to be fractions of the "
+                "image size: write pixels",
                 id="unit-mismatch",
             )
     # Files without any box name no camera: no camera detected anything
@@ -573,8 +576,8 @@ def _check_units(found: _BoxScan, steps: Mapping[str, float]) -> None:
         usual = float(np.median([each for other, each in steps.items() if other != name] or [step]))
         if min(step, usual) > 0.0 and is_unit_factor(step / usual) and (step > usual or len(steps) > 2):
             raise InputError(
-                f"{found.heads[name].path}: camera {name}: {step / NS:.4g} s from frame to frame, {usual / NS:.4g} "
-                "s of the others: another unit? Name its column of times t_ms, t_us or t_ns",
+                f"{found.heads[name].path}: camera {name}: frames are {step / NS:.4g} s apart, those of other cameras "
+                f"{usual / NS:.4g} s; name the time column of each by its unit: t_s, t_ms, t_us or t_ns",
                 id="missing-unit",
             )
 
@@ -649,8 +652,8 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         double = next((name for name in own if name in other), None)
         if double is not None:
             raise InputError(
-                f"{file.path}: camera {double}: has boxes in {before}, too, where each frame without one states that "
-                "nothing was detected; give one of them, or join those of one recording",
+                f"{file.path}: camera {double}: has boxes in {before}, too, and a frame without a box is one without "
+                "a detection; give one of the files, or join them",
                 id="conflicting-values",
             )
     found.files.append(str(file.path))
@@ -882,12 +885,13 @@ def _matched(
     if external_table and not options.others:
         text = ", ".join(repr(label) for label in external_table)
         one = len(external_table) == 1
-        remedy = "give them equal names"
+        remedy = "use the same names"
         if file.path.is_dir():
             remedy = f"give each folder with its camera (CAMERA={file.path / external_table[0]})"
         raise InputError(
             f"{file.path}: {'camera' if one else 'cameras'} {text} {'is' if one else 'are'} none of "
-            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras",
+            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or give "
+            f"{option('allow_uncalibrated')}",
             id="missing-pose",
         )
     names = [label if label in external_table else match_sensor(label, known, str(file.path)) for label in labels]
@@ -900,7 +904,7 @@ def _numbers(rows: CsvRows, camera: Ints, cameras: Sequence[str], options: BoxOp
     frame = rows.ints("frame") - options.first_number
     if (frame < 0).any():
         row = int(np.flatnonzero(frame < 0)[0])
-        raise rows.fail(row, f"frame {rows.cells['frame'][row]}; the first one is {options.first_number}")
+        raise rows.fail(row, f"frame {rows.cells['frame'][row]} is before the first one, {options.first_number}")
     if (frame >= MAX_FRAMES).any():
         row = int(np.flatnonzero(frame >= MAX_FRAMES)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; it must be below {MAX_FRAMES}; correct or remove it")
@@ -945,8 +949,8 @@ def _edges(
     for n in np.unique(camera).tolist() if sizes is not None else ():
         if sizes is None or cameras[n] not in sizes:
             raise UsageError(
-                f"{rows.path}: is in shares of the image, and the image size of camera {cameras[n]} "
-                "is unknown; give the image size, a calibration that has it, or the video",
+                f"{rows.path}: boxes are fractions of the image size, which is unknown for camera {cameras[n]}; give "
+                f"{option('image_size')}, a calibration that states it, or the video",
                 id="missing-image-size",
             )
         size[n] = sizes[cameras[n]]

@@ -143,8 +143,8 @@ def check_boxes(rows: CsvRows, boxes: FileBoxRows) -> FileBoxRows:
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
             row,
-            f"confidence {boxes.confidence[row]:g}; it must be 0 to 1; state the scale that divides it, or state that "
-            "scores are logits (score type logit) or unknown (not used)",
+            f"confidence {boxes.confidence[row]:g}; it must be 0 to 1; give {option('confidence_scale')}, which "
+            f"divides it, or {option('score_type')} logit or unknown (not used)",
         )
     return boxes
 
@@ -358,6 +358,10 @@ def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
     return times[camera]
 
 
+MAX_RANGE = 100_000_000
+"""Largest number of frames from the first to the last one of a camera."""
+
+
 def check_range(first: int, stop: int, where: str) -> None:
     """InputError if no frame is in first <= frame < stop, or more than 100 million are.
 
@@ -365,10 +369,11 @@ def check_range(first: int, stop: int, where: str) -> None:
     """
     if stop <= first:
         raise InputError(
-            f"{where}: no row is in frames {first} to {stop}; give another range of frames", id="empty-input"
+            f"{where}: no row is in frames {first} to {stop}; give another range ({option('frames')})",
+            id="empty-input",
         )
-    if stop - first > 100_000_000:
-        raise InputError(f"{where}: frames {first} to {stop - 1}; a frame number must be wrong")
+    if stop - first > MAX_RANGE:
+        raise InputError(f"{where}: frames {first} to {stop - 1} are more than {MAX_RANGE}; correct the frame numbers")
 
 
 def class_labels(rows: CsvRows) -> list[tuple[str, ...]]:
@@ -397,7 +402,9 @@ def wanted_rows(rows: CsvRows, classes: Sequence[str]) -> Bools:
     """(n,) mask of the rows with one of the given classes (number or name); InputError if the file has no classes."""
     labels = class_labels(rows)
     if not labels and len(rows):
-        raise InputError(f"{rows.path}: has no classes; choose no class, or add a column class", id="missing-column")
+        raise InputError(
+            f"{rows.path}: has no classes; leave {option('class')} out, or add a column class", id="missing-column"
+        )
     wanted = {_plain(name) for name in classes}
     return np.array([bool(wanted & set(label)) for label in labels], dtype=np.bool_)
 
@@ -426,5 +433,6 @@ def check_classes(
         )
     if not wanted and len(all_) > 1:
         raise InputError(
-            f"{where}: boxes of {len(all_)} classes: {in_words(all_)}; choose the class of people", id="ambiguous-input"
+            f"{where}: boxes of {len(all_)} classes: {in_words(all_)}; choose that of people ({option('class')} NAME)",
+            id="ambiguous-input",
         )

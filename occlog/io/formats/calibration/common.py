@@ -125,7 +125,7 @@ def numbers(value: object, what: str) -> Floats:
     try:
         array = np.array(value, dtype=np.float64)
     except (ValueError, TypeError):
-        raise InputError(f"{what} is not made of numbers, in rows of equal length", id="invalid-calibration") from None
+        raise InputError(f"{what} must be numbers, in rows of equal length", id="invalid-calibration") from None
     if not np.isfinite(array).all():
         raise InputError(f"{what} has numbers that are not finite", id="invalid-calibration")
     return array
@@ -153,7 +153,8 @@ def check_camera_matrix(matrix: Floats, height: float, where: str) -> None:
     lean = abs(float(matrix[0, 1])) * height / 2 / max(abs(float(matrix[1, 1])), 1e-300)
     if not lean <= MAX_SKEW_PX:
         raise InputError(
-            f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}",
+            f"{where}: skew of the camera matrix: {lean:.2g} px at the edge of the image, limit {MAX_SKEW_PX:g}; "
+            "calibrate without skew",
             id="invalid-calibration",
         )
 
@@ -163,7 +164,9 @@ def yaml_values(text: str, path: Path) -> dict[str, object]:
     documents = yaml_documents(text, path, WHAT)
     values = documents[0] if len(documents) == 1 else None
     if not isinstance(values, dict):
-        raise InputError(f"{path}: names no values in one document; {WHAT} was expected", id="empty-input")
+        raise InputError(
+            f"{path}: is not one YAML document with names and values; {WHAT} was expected", id="empty-input"
+        )
     return {str(key): value for key, value in values.items()}
 
 
@@ -202,16 +205,19 @@ def build_camera(pose: Pose, where: str, options: CalibrationOptions) -> Camera:
         )
     if (far := np.abs(centre).max()) > MAX_COORDINATE:
         raise InputError(
-            f"{where}: a camera centre {far:g} away; it must be within {MAX_COORDINATE:g}", id="invalid-calibration"
+            f"{where}: the camera centre is {far:g} m from the origin, limit {MAX_COORDINATE:g}; correct its position",
+            id="invalid-calibration",
         )
     size = pose.image_size or options.image_size
     if size is None:
         raise InputError(
-            f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT",
+            f"{where}: does not state the size of the images; give {option('image_size')} WIDTHxHEIGHT",
             id="missing-image-size",
         )
     if not (0 < size[0] < 65536 and 0 < size[1] < 65536):
-        raise InputError(f"{where}: images of {size[0]} x {size[1]} px; that cannot be", id="invalid-calibration")
+        raise InputError(
+            f"{where}: images of {size[0]} x {size[1]} px; both must be 1 to 65535", id="invalid-calibration"
+        )
     rotation = _rotation(pose.rotation, options.mirror is not None, where).T
     lens = read_lens(pose.lens, options.lens_model, where)
     wide = float(np.degrees(2.0 * np.arctan(0.5 * max(size) / focal.max())))

@@ -106,10 +106,10 @@ def checked_lens(
         model, coefficients = "opencv", np.concatenate([coefficients, np.zeros(9)])
         found = check_lens(model, coefficients, size, focal, principal)
     if not found.undone:
-        at = f" {found.fold_deg:.0f} degrees off its axis," if np.isfinite(found.fold_deg) else ""
+        at = f" {found.fold_deg:.0f} degrees off the axis," if np.isfinite(found.fold_deg) else ""
         raise InputError(
-            f"{where}: the lens folds{at} inside the image, and cannot be undone at its edge; calibrate with fewer "
-            "coefficients, or undistort the images",
+            f"{where}: the distortion polynomial turns back{at} inside the image, and has no inverse there; "
+            "use fewer coefficients, or undistort the images",
             id="invalid-calibration",
         )
     if not found.unused:

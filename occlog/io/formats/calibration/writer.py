@@ -103,7 +103,7 @@ def _in_metres(scene: Scene, format: str) -> list[Camera]:
         raise InputError(f"the scene has no camera; {format} describes cameras", id="too-few-sensors")
     if scene.length_unit not in METRES:
         raise InputError(
-            f"lengths are in {scene.length_unit!r}; {format} has metres: state length_unit in the scene",
+            f"lengths are in {scene.length_unit!r}, but {format} requires metres; state length_unit in the scene",
             id="missing-unit",
         )
     out = []

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Strings
-from occlog.errors import InputError
+from occlog.errors import InputError, option
 from occlog.io.files.names import match_sensor
 from occlog.io.files.texts.formats import IDENTITY, RAW, WHOLE, FormatColumn, TextFormat, TextPart, read_format
 from occlog.io.open import Opened, open_if_ours
@@ -98,21 +98,17 @@ def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[Giv
 def _of_csv(path: Path, cameras: Sequence[str]) -> list[GivenEllipse]:
     found: list[GivenEllipse] = []
     lines: dict[tuple[str, int], int] = {}
-    try:
-        for part in read_format(path, FORMAT):
-            rows = part.rows
-            for row, each in enumerate(_csv_rows(part, cameras)):
-                key = each.sensor, each.target_id
-                if key in lines:
-                    raise rows.fail(
-                        row,
-                        f"target {each.target_id} is in camera {each.sensor} already (line {lines[key]}); "
-                        "keep one of them",
-                    )
-                lines[key] = int(rows.lines[row])
-                found.append(each)
-    except InputError as error:
-        raise InputError(str(error).replace(", or ignore extra columns", "")) from None
+    for part in read_format(path, FORMAT):
+        rows = part.rows
+        for row, each in enumerate(_csv_rows(part, cameras)):
+            key = each.sensor, each.target_id
+            if key in lines:
+                raise rows.fail(
+                    row,
+                    f"target {each.target_id} is in camera {each.sensor} already (line {lines[key]}); keep one of them",
+                )
+            lines[key] = int(rows.lines[row])
+            found.append(each)
     return found
 
 
@@ -210,6 +206,8 @@ def _first_of(path: Path, chunks: Iterable[_EllipseRows], sizes: Sizes) -> list[
                 found[key] = GivenEllipse(f"{path}", *key, int(c.frame[row]), c.ellipse[row])
     if rows and anonymous == rows:
         raise InputError(
-            f"{path}: its boxes have no identity; give them as detections, not to begin with", id="wrong-content"
+            f"{path}: its boxes have no identities, which {option('initial_ellipses')} requires; give them by "
+            f"{option('detections')}",
+            id="wrong-content",
         )
     return list(found.values())

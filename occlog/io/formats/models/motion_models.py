@@ -130,9 +130,7 @@ def _check_sigma(path: Path, sigma: Floats) -> None:
     # Of the correlations, so that units have no influence.
     least = np.linalg.eigvalsh(sigma / np.outer(size, size)).min() if (np.diag(sigma) > 0).all() else 0.0
     if not least > 1e-12:
-        raise InputError(
-            f"{path}: sigma is not positive definite; every combination of position and velocity must be disturbed"
-        )
+        raise InputError(f"{path}: sigma, the covariance of the process noise, is not positive definite; correct it")
 
 
 Positive = Annotated[float, Meta(gt=0)]

@@ -77,7 +77,7 @@ def read_onnx(path: Path) -> OnnxFile:
     size = path.stat().st_size
     if size >= MAX_BYTES:
         raise InputError(
-            f"{path}: has {size} bytes; an ONNX file has less than {MAX_BYTES}; it is damaged, or none",
+            f"{path}: has {size} bytes; an ONNX file has less than {MAX_BYTES}; it is damaged, or no ONNX file",
             id="input-too-large",
         )
     walk = _OnnxWalk()

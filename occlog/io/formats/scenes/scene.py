@@ -384,7 +384,8 @@ def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
         error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
         if not error < 1e-3 or np.linalg.det(matrix) < 0:
             raise InputError(
-                f"{where}: rotation is not a rotation matrix (off by {error:.2g}, or mirrored)",
+                f"{where}: rotation is not orthonormal (off by {error:.2g}, limit 0.001) or has determinant -1; "
+                "correct it",
                 id="invalid-calibration",
             )
         return matrix, spec.position is not None

@@ -125,7 +125,7 @@ def read_stations(path: Path) -> Scene:
                 limits = f"above 0, from {MIN_SIGMA_DEG:g} to {MAX_SIGMA_DEG:g}"
                 raise rows.fail(row, f"sigma_deg of station {name} is {sigma[row]:g}; it must be {limits}")
             if (far := float(np.abs(position[row]).max())) > MAX_COORDINATE:
-                raise rows.fail(row, f"station {name} is {far:g} away; it must be within {MAX_COORDINATE:g}")
+                raise rows.fail(row, f"station {name} is {far:g} from the origin; it must be within {MAX_COORDINATE:g}")
             if not abs(yaw[row]) <= MAX_YAW_DEG:
                 raise rows.fail(row, f"yaw_deg of station {name} is {yaw[row]:g}; it must be within {MAX_YAW_DEG:g}")
             turn = math.radians(float(yaw[row]))

@@ -16,7 +16,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints, Strings
 from occlog.console.notes import note_once
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.io.files.texts.csv_rows import CsvRows, check_one_sensor
 from occlog.io.files.texts.formats import IDENTITY, RAW, FormatColumn, TextFormat, read_format
 from occlog.io.files.timing.times import check_unit
@@ -193,7 +193,7 @@ def _angle(rows: CsvRows, name: str, options: DoaOptions) -> Floats:
     unit = found[0].removeprefix("_") or options.unit
     if unit is None:
         raise UsageError(
-            f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or state the unit",
+            f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or give {option('doa_unit')}",
             id="missing-unit",
         )
     values = rows.floats(name + found[0], blank=name != "azimuth")

@@ -158,7 +158,7 @@ def _check_rotations(path: Path, turns: Floats, lines: Ints) -> None:
     off = np.abs(np.einsum("nij,nkj->nik", turns, turns) - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero((off > MAX_ROTATION_ERROR) | (np.linalg.det(turns) < 0))
     if len(bad):
-        raise InputError(f"{path}: line {lines[bad[0]]}: rotation_11 to rotation_33 are not a rotation")
+        raise InputError(f"{path}: line {lines[bad[0]]}: rotation_11 to rotation_33 are not a rotation matrix")
 
 
 def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> None:
@@ -178,7 +178,7 @@ def _check_still(path: Path, positions: Floats, turns: Floats, lines: Ints) -> N
         k = int(bad[0])
         raise InputError(
             f"{path}: line {lines[k]}: the array has moved by {moved[k]:.3g} m and {np.degrees(turned[k]):.3g} degrees "
-            f"(limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); the arrays of a scene cannot move",
+            f"since the first line (limits {STILL_M} m, {np.degrees(STILL_RAD):g} degrees); arrays must stand still",
             id="not-applicable",
         )
 
@@ -244,7 +244,8 @@ def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator
         algorithms.update(dict.fromkeys(part["algorithm"].tolist()))
         if options.algorithm is None and len(algorithms) > 1:
             raise UsageError(
-                f"{path}: holds estimates of {', '.join(algorithms)}; choose one algorithm", id="ambiguous-input"
+                f"{path}: holds estimates of {', '.join(algorithms)}; choose one ({option('doa_algorithm')})",
+                id="ambiguous-input",
             )
         kept = part["algorithm"] == (options.algorithm or next(iter(algorithms)))
         if not kept.any():
@@ -449,11 +450,16 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
     if rows:
         yield _odas_rows(rows, options.sensor)
     if idle:
-        note_once(f"note: {path}: {idle} directions without activity left out: ODAS predicts them and hears nothing")
+        note_once(
+            f"note: {path}: {idle} directions without activity left out: ODAS predicted them without hearing a source"
+        )
     if above:
         note_once(f"note: {path}: {above} directions straight up or down left out: they have no azimuth")
     if hops and not taken:
-        note_once(f"warning: {path}: {hops} hops and no direction; check the thresholds of ODAS, and that sound was on")
+        note_once(
+            f"warning: {path}: {hops} hops and no direction; check the thresholds of ODAS, and that its "
+            "microphones recorded"
+        )
 
 
 def parse_hop(text: str) -> Fraction:
@@ -533,7 +539,7 @@ def _end(path: Path, line: int, text: str, problem: str, losses: list[Loss]) -> 
 
 def _malformed(path: Path, line: int, problem: str) -> InputError:
     return InputError(
-        f"{path}: line {line}: not an object of ODAS ({problem}); objects one after another were expected",
+        f"{path}: line {line}: not an object of ODAS ({problem}); JSON objects one after another were expected",
         id="invalid-syntax",
     )
 

@@ -74,7 +74,7 @@ class Sound:
                 Loss(
                     self.path.name,
                     f"frame {first} and later",
-                    "samples that are no numbers, or beyond 1e30, were taken for 0",
+                    "samples that are no numbers, or beyond 1e30, were replaced by 0",
                     bad,
                 )
             )

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError, UsageError, option
 from occlog.records.scene import Camera
 
 from ..common import CalibrationOptions, Pose, build_camera, read_text, scale_of
@@ -89,8 +89,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
         raise InputError(f"{paths[0]}: COLMAP's model has {' and '.join(NAMES)}; give both", id="missing-value")
     if options.unit is None:
         raise UsageError(
-            f"{files['images.txt']}: COLMAP's lengths have no unit; scale the model (colmap model_aligner) and "
-            "state the unit of the calibration",
+            f"{files['images.txt']}: COLMAP's lengths have no unit; scale the model (colmap model_aligner) and state "
+            f"the unit of the calibration ({option('calibration_unit')} m)",
             id="missing-unit",
         )
     lenses = dict(_lenses(files["cameras.txt"]))

@@ -63,7 +63,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     size = options.image_size
     if size is None:
         raise InputError(
-            f"{where}: a homography does not state the size of the images; give it, WIDTHxHEIGHT",
+            f"{where}: a homography does not state the size of the images; give {option('image_size')} WIDTHxHEIGHT",
             id="missing-image-size",
         )
     matrix = matrix_of(read_text(path))
@@ -112,8 +112,8 @@ def oriented(matrix: Floats, middle: Floats, where: str, axes: Floats) -> tuple[
     if not fits or fits[0][0] > MAX_MISFIT:
         left = f"; the residual is {fits[0][0]:.2g}, and {MAX_MISFIT:g} is the limit" if fits else ""
         raise InputError(
-            f"{where}: fits no camera with square pixels and its principal point in the middle{left}; is it of images "
-            "of this size, without distortion, to positions in one unit of length?",
+            f"{where}: fits no camera with square pixels and its principal point in the middle{left}; it must map "
+            "undistorted images of this size to positions on the ground",
             id="invalid-calibration",
         )
     if len(fits) > 1 and fits[1][0] < CLEARER * fits[0][0]:

@@ -55,7 +55,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     """
     if len(paths) > 1:
         raise InputError(
-            f"{paths[1]}: a second camera chain; the relative poses of the two are unknown", id="ambiguous-input"
+            f"{paths[1]}: a second camera chain; the relative pose of the two is unknown: give one chain",
+            id="ambiguous-input",
         )
     values = yaml_values(read_text(paths[0]), paths[0])
     cameras = {key: table for key, table in values.items() if _CAMERA.match(key) and isinstance(table, dict)}

@@ -105,7 +105,8 @@ def lens_of(values: dict[str, object], where: str) -> Lens:
         text = str(values.get(key, "")).strip().lower()
         if text and text not in (*brown, *fisheye):
             raise InputError(
-                f"{where}: {key} {text} is not known; undistort the images, or leave it out", id="unsupported-format"
+                f"{where}: {key} {text} is no known lens model; undistort the images, or remove {key}",
+                id="unsupported-format",
             )
         stated |= {"equidistant" if text in fisheye else "brown"} if text else set()
     if len(stated) > 1:

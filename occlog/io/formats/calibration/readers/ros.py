@@ -110,7 +110,8 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     roots = {_root(frame, tree, paths[-1]) for frame in tree}
     if len(roots) > 1:
         raise InputError(
-            f"{paths[-1]}: the transforms hang from {', '.join(sorted(roots))}; join them, the world must be one frame",
+            f"{paths[-1]}: the transforms have several roots: {', '.join(sorted(roots))}; connect them, as the world "
+            "must be one frame",
             id="invalid-calibration",
         )
     options.notes.append(f"the world is the frame {roots.pop()}, lenses are those of raw images")
@@ -183,7 +184,7 @@ def _root(frame: str, tree: Mapping[str, Transform], path: Path) -> str:
         if frame not in tree:
             return frame
         frame = tree[frame].parent
-    raise InputError(f"{path}: the transforms of {frame} go in a circle; correct them", id="invalid-calibration")
+    raise InputError(f"{path}: the transforms of {frame} form a cycle; correct them", id="invalid-calibration")
 
 
 def _camera(
@@ -278,7 +279,7 @@ def region_of(
     wide, high = width or whole[0] - x, height or whole[1] - y
     if min(*roi, *binning) < 0 or x + wide > whole[0] or y + high > whole[1] or wide < bins[0] or high < bins[1]:
         raise InputError(
-            f"{where}: binning {binning} and roi {roi} are no part of {whole[0]} x {whole[1]} px; correct them",
+            f"{where}: binning {binning} and roi {roi} do not fit a sensor of {whole[0]} x {whole[1]} px; correct them",
             id="invalid-calibration",
         )
     return ImageRegion((wide // bins[0], high // bins[1]), np.array([x, y], dtype=np.float64), 1.0 / np.array(bins))

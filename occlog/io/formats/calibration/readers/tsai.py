@@ -81,10 +81,10 @@ def _check_pixel(geometry: Element, dpx: float, dpy: float, where: str) -> None:
         where: file and camera, for messages.
     """
     dx, dy, ncx, nfx = (number(geometry, key, where, 0.0) for key in ("dx", "dy", "ncx", "nfx"))
-    for key, size, other in (("dpx", dpx, dx * ncx / nfx if nfx else 0.0), ("dpy", dpy, dy)):
+    for key, size, by, other in (("dpx", dpx, "dx ncx / nfx", dx * ncx / nfx if nfx else 0.0), ("dpy", dpy, "dy", dy)):
         if other and abs(size / other - 1) > MAX_RATIO:
             raise InputError(
-                f"{where}: {key} is {size:g} mm, but by the sensor's cells {other:g} mm; correct one",
+                f"{where}: {key} is {size:g} mm, but {by} is {other:g} mm, and both are the pixel size; correct one",
                 id="conflicting-values",
             )
 
