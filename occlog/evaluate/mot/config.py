@@ -49,7 +49,8 @@ class MultiTargetConfig(Settings):
         "assignment (`optimal`).",
         choices=("id", "start", "optimal"),
         option="--assigned-target",
-        shown="id; start for MOTChallenge text, boxes, tracks initiated from detections; else optimal with --match optimal",
+        shown="id; start for MOTChallenge text, boxes, tracks initiated from detections; "
+        "else optimal with --match optimal",
         kinds=MANY,
     )
     clear_rule: str = setting(
