@@ -149,7 +149,7 @@ VERDICT: dict[str, Message] = {
     "ambiguous": Message(
         N,
         _ROWS + "measurements fit several positions, which the covariance covers",
-        "add a sensor off the line of the others, or use method apf or map",
+        "add a sensor off the line, or use method apf or map",
     ),
     "rival-mode": Message(
         W,
@@ -652,7 +652,7 @@ VERDICT: dict[str, Message] = {
     # Stages before tracking, and batches
     "sensor-times-disjoint": Message(
         W,
-        "{sensors} has no time in common with another sensor: it begins {offset_s:+.10g} s after the others{cause}",
+        "{sensors} has no time in common with others: it begins {offset_s:+.10g} s after them{cause}",
         "check its clock and unit of times, or give an offset ({option[clock_offset]})",
     ),
     "clock-jump": Message(

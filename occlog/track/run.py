@@ -306,7 +306,8 @@ def distance_measurements(
     method = tracker(request.method)
     if config.range_bias and not (isinstance(method, Batch) and method.biases):
         raise UsageError(
-            "range-bias: method map alone estimates constant errors of ranges; choose it", id="not-applicable"
+            f"range-bias: only method map estimates constant errors of ranges; give {option('method')} map",
+            id="not-applicable",
         )
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
@@ -367,7 +368,7 @@ def one_at_a_time(
     blind = {c.name for c in scene.cameras if not c.placed}
     names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
     if not names:
-        raise UsageError("no sensor with a pose is left to take turns; omit fewer of them", id="too-few-sensors")
+        raise UsageError("round robin: no sensor with a pose is left; exclude fewer", id="too-few-sensors")
     return round_robin(checked(chunks, scene, sensors), names, seconds)
 
 

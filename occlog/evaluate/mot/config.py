@@ -152,7 +152,7 @@ class MultiTargetConfig(Settings):
         people=0.5,
         option="--moda-distance",
         metavar="LENGTH",
-        shown="0.5 m; in units without a name --match-distance",
+        shown="0.5 m; that of --match-distance in a scene-specific unit",
         kinds=(GROUND,),
     )
     gospa_px: float | None = setting(

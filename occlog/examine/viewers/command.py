@@ -35,7 +35,7 @@ every_opt = click.option(
     "--viewer",
     default=None,
     metavar="PROGRAM",
-    help=f"Its name or path.  [default: the first that is installed of {', '.join(PROGRAMS)}]",
+    help=f"Name or path of the viewer. [default: the first that is installed of {', '.join(PROGRAMS)}]",
 )
 @every_opt
 @click.option("--print", "only_print", is_flag=True, help="Write the file (-o), print the viewer's command, and end.")

@@ -214,7 +214,7 @@ def make_band(rate: int, config: DoaConfig) -> Band:
     if len(bins) < 3:
         raise UsageError(
             f"listen: the band {config.low_hz:g} to {config.high_hz:g} Hz has {len(bins)} frequencies of a recording "
-            f"at {rate} Hz; take a wider band or a longer window",
+            f"at {rate} Hz, and 3 are needed; give a wider {option('band')} or a longer {option('window')}",
             id="invalid-setting",
         )
     return Band(rate, length, bins, 2.0 * np.pi * frequency[bins])
@@ -319,7 +319,8 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: DoaConfi
         allowed = direction(a, e) @ normal > -1e-9
     if allowed.size > MAX_POINTS:
         raise UsageError(
-            f"listen: a grid of {step:g} degrees has {allowed.size} directions, too many; take a wider grid",
+            f"listen: a grid of {step:g} degrees has {allowed.size} directions, at most {MAX_POINTS} can be searched; "
+            f"give a wider {option('grid')}",
             id="problem-too-large",
         )
     return DirectionGrid(azimuth, elevation, allowed)
