@@ -105,8 +105,8 @@ VERDICT: dict[str, Message] = {
     ),
     "single-sensor": Message(
         W,
-        _ROWS + "a single sensor sees the target, so that its distance is undetermined",
-        "add a sensor, or track in images (occlog ground)",
+        _ROWS + "a single sensor sees the target: its distance is unknown",
+        "add a sensor, or use images and a target height (occlog ground)",
     ),
     "out-of-view": Message(
         W,
@@ -142,14 +142,14 @@ VERDICT: dict[str, Message] = {
     "no-path": Message(
         W, _ROWS + "no path around a wall was found", "insert more states: give a smaller max_state_gap_s"
     ),
-    "not-converged": Message(W, _ROWS + "the search did not converge", "allow more iterations"),
+    "not-converged": Message(W, _ROWS + "the search did not converge", "give a larger max_iterations"),
     "unobservable": Message(
         N, _ROWS + "the measurements do not determine the position, so its covariance is large", "add sensors"
     ),
     "ambiguous": Message(
         N,
         _ROWS + "measurements fit several positions, which the covariance covers",
-        "add a sensor off the line, or use method apf or map",
+        "add a sensor elsewhere, or use method apf or map",
     ),
     "rival-mode": Message(
         W,

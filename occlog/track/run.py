@@ -334,7 +334,7 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
     if spec.length_unit != scene.length_unit:
         raise UsageError(
             f"{request.path_loss}: is in {spec.length_unit}, but the scene in "
-            f"{scene.length_unit}; fit it in this scene",
+            f"{scene.length_unit}; fit it in this scene (occlog fit-readers)",
             id="unit-mismatch",
         )
     for twice in ("rssi_power", "rssi_exponent"):
@@ -414,7 +414,8 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     motion = read_motion(path)
     if motion.length_unit != unit:
         raise UsageError(
-            f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene",
+            f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene (occlog "
+            "fit-motion)",
             id="unit-mismatch",
         )
     for name in ("A", "Sigma", "model_step_s", "process_noise_velocity", "process_noise_position"):

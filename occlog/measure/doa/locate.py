@@ -246,8 +246,8 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: DoaConfig) -> 
         )
     if config.max_sources >= len(array.microphones) and config.algorithm != "srp":
         raise UsageError(
-            f"listen: sources is {config.max_sources}, but {config.algorithm} finds fewer sources than microphones "
-            f"({len(array.microphones)} in {array.name})",
+            f"listen: {config.algorithm} finds fewer sources than microphones ({len(array.microphones)} in "
+            f"{array.name}), not {config.max_sources}; give a smaller {option('max_sources')}",
             id="invalid-setting",
         )
     grid = make_grid(array, band, speed, config)
@@ -273,7 +273,8 @@ def speed_of_sound(config: DoaConfig, unit: str) -> float:
         return config.speed_of_sound
     if unit not in METRES:
         raise UsageError(
-            f"listen: the scene's lengths are in {unit}; give the speed of sound in lengths of the scene a second",
+            f"listen: the scene's lengths are in {unit}, which is no known unit; give {option('speed_of_sound')} in "
+            "lengths of the scene per second",
             id="missing-unit",
         )
     return 343.0 / METRES[unit]

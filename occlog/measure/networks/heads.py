@@ -148,15 +148,15 @@ def recognise(
     readings = [each for each in (_reading(outputs, name, names, more) for name in heads) if each is not None]
     if head is not None and not readings:
         raise InputError(
-            f"its outputs are not those of head {head}: {shapes(outputs)}{_named_classes(names)}; leave the "
-            f"head out to have it recognised",
+            f"its outputs are not those of head {head}: {shapes(outputs)}{_named_classes(names)}; leave "
+            f"{option('head')} out to have it recognised",
             id="unsupported-network",
         )
     if len(readings) != 1:
         maybe = f"may be of {', '.join(each.head for each in readings)}" if readings else "are of no head that is known"
         raise InputError(
-            f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; state which head it has (head: "
-            f"{', '.join(HEADS)})",
+            f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; state which head it has "
+            f"({option('head')} {', '.join(HEADS)})",
             id="unsupported-network",
         )
     if readings[0].head in LOGITS and readings[0].classes == PLAIN_DETR:
