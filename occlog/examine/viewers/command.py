@@ -29,7 +29,9 @@ every_opt = click.option(
     default=None,
     help="File that the viewer opens (MCAP). [default: a temporary file, removed when the viewer ends]",
 )
-@click.option("--recording", type=options.INPUT, default=None, help="Images and scene, if not in the folder.")
+@click.option(
+    "--recording", type=options.INPUT, default=None, help="Recording with images and scene, if the run folder has none."
+)
 @options.scene_opt
 @click.option(
     "--viewer",
