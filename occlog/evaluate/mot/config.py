@@ -103,7 +103,7 @@ class MultiTargetConfig(Settings):
         at_least=MIN_LENGTH,
         at_most=MAX_LENGTH,
         option="--gospa-cutoff",
-        nothing="1 minus --iou-threshold; on the ground --match-distance",
+        nothing="1 minus --iou-threshold for boxes, else --match-distance",
         kinds=MANY,
     )
     gospa_p: float = setting(2.0, "Exponent p of GOSPA.", at_least=1, at_most=MAX_POWER, option="--gospa-p", kinds=MANY)
