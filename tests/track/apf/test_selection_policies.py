@@ -140,7 +140,7 @@ def test_cameras_without_a_pose_are_never_selected():
     for policy in POLICIES:
         config = SelectConfig(policy, 7)
         assert chosen(config, scene=scene).cameras == (0, 1, 3, 4, 5, 6, 7)
-    with pytest.raises(UsageError, match="8 cameras of 7"):
+    with pytest.raises(UsageError, match="8 cameras are to be selected, and 7 "):
         network(scene, SelectConfig("greedy", 8), NAMES, None)
 
 
